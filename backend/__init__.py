@@ -1,0 +1,1 @@
+"""What service and worker both reach beyond their process: object store, artifact files, job queue, progress."""

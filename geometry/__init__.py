@@ -1,0 +1,1 @@
+"""Shared kernels: arrays in, arrays out. numpy and numba only."""

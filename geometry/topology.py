@@ -1,0 +1,130 @@
+"""Edges, components and vertex normals of an indexed triangle mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+
+@dataclass(frozen=True)
+class EdgeTable:
+    """Edges of a closed oriented 2-manifold.
+
+    vertices: (e, 2) i4, the directed edge. faces: (e, 2) i4, its left face (has the edge in this direction) and its right
+    face (has it reversed). Sorted by (min vertex, max vertex); vertices[:, 0] < vertices[:, 1].
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+class NotManifoldError(ValueError):
+    """Some edge has not exactly one face on each side; `edges` is a (k, 2) sample of them."""
+
+    def __init__(self, message: str, edges: np.ndarray) -> None:
+        super().__init__(message)
+        self.edges = edges
+
+
+def directed_edges(faces: np.ndarray) -> np.ndarray:
+    """(f, 3) faces -> (3 f, 2) half-edges; half-edge 3 f + k goes from corner k to corner k + 1."""
+    return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
+def build_edges(faces: np.ndarray) -> EdgeTable:
+    """Edge table of (f, 3) i4 faces.
+
+    Raises NotManifoldError when an edge is not shared by exactly two faces of opposite direction.
+    """
+    half = directed_edges(faces)
+    low, high = half.min(axis=1).astype(np.int64), half.max(axis=1).astype(np.int64)
+    key = low * (int(faces.max(initial=0)) + 1) + high
+    order = np.argsort(key, kind="stable")
+    sorted_key = key[order]
+    forward = (half[:, 0] < half[:, 1])[order]
+    if len(half) % 2 or not (
+        np.array_equal(sorted_key[0::2], sorted_key[1::2])
+        and np.all(forward[0::2] != forward[1::2])
+        and np.all(sorted_key[2::2] != sorted_key[1:-1:2])
+    ):
+        unique, count = np.unique(key, return_counts=True)
+        bad = unique[count != 2]
+        if not len(bad):
+            same = sorted_key[0::2][forward[0::2] == forward[1::2]]
+            bad = same
+        base = int(faces.max(initial=0)) + 1
+        sample = np.column_stack([bad[:8] // base, bad[:8] % base])
+        raise NotManifoldError("an edge is not shared by exactly two faces of opposite direction", sample)
+    first, second = order[0::2], order[1::2]
+    left = np.where(forward[0::2], first, second)
+    right = np.where(forward[0::2], second, first)
+    return EdgeTable(
+        half[left].astype(np.int32),
+        np.column_stack([left // 3, right // 3]).astype(np.int32),
+    )
+
+
+@njit(cache=True)
+def _find(parent, i):
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True)
+def face_components(faces, vertex_count):
+    """(labels (f,) i4, count): components of faces that share vertices, numbered in order of their first face."""
+    parent = np.arange(vertex_count)
+    for f in range(faces.shape[0]):
+        a = _find(parent, faces[f, 0])
+        for k in range(1, 3):
+            b = _find(parent, faces[f, k])
+            if a != b:
+                parent[b] = a
+    number = np.full(vertex_count, -1, np.int32)
+    labels = np.empty(faces.shape[0], np.int32)
+    count = 0
+    for f in range(faces.shape[0]):
+        root = _find(parent, faces[f, 0])
+        if number[root] < 0:
+            number[root] = count
+            count += 1
+        labels[f] = number[root]
+    return labels, count
+
+
+def signed_volume(positions: np.ndarray, faces: np.ndarray) -> float:
+    """Signed volume of a closed mesh, in float64, about its first vertex."""
+    p = np.asarray(positions, np.float64)
+    if not len(faces):
+        return 0.0
+    a, b, c = (p[faces[:, k]] - p[faces[0, 0]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def face_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(f, 3) f8 unit outward normals; zero where the face has no area."""
+    p = np.asarray(positions, np.float64)
+    normal = np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+
+
+def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(v, 3) f4 unit angle-weighted normals; +z where a vertex has no face with area or its faces cancel."""
+    p = np.asarray(positions, np.float64)
+    normal = face_normals(p, faces)
+    total = np.zeros((len(p), 3))
+    for k in range(3):
+        u = p[faces[:, (k + 1) % 3]] - p[faces[:, k]]
+        v = p[faces[:, (k + 2) % 3]] - p[faces[:, k]]
+        angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
+        for axis in range(3):
+            total[:, axis] += np.bincount(faces[:, k], normal[:, axis] * angle, minlength=len(p))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    unit = np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
+    unit[length[:, 0] <= 1e-12] = (0.0, 0.0, 1.0)
+    return unit.astype(np.float32)

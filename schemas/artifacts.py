@@ -1,0 +1,104 @@
+"""Layout of the artifact files: safetensors layout, little-endian, C order. All positions are in the normalised frame.
+
+v vertices, f faces, e edges of the original; hv, hf of the hull; n tree nodes; c collapses.
+
+An artifact is described by a table: tensor -> (dtype, shape); a dimension is a number (fixed) or a letter (bound to the
+same value everywhere in the file). A name in `optional` may be absent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+Dim = int | str
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Tensors of one artifact file, and its file name in the store."""
+
+    file: str
+    tensors: dict[str, tuple[str, tuple[Dim, ...]]]
+    optional: frozenset[str] = field(default_factory=frozenset)
+
+
+MESH = Layout(
+    "mesh.safetensors",
+    {
+        "positions": ("<f4", ("v", 3)),
+        "faces": ("<i4", ("f", 3)),
+        "normals": ("<f4", ("v", 3)),  # unit, outward, angle-weighted
+        # directed edge from edge_vertices[:, 0] to [:, 1]; left face has it in its own order, right face reversed.
+        # Present when the mesh is a closed oriented 2-manifold.
+        "edge_vertices": ("<i4", ("e", 2)),
+        "edge_faces": ("<i4", ("e", 2)),
+    },
+    optional=frozenset({"edge_vertices", "edge_faces"}),
+)
+
+APPEARANCE = Layout(
+    "appearance.safetensors",
+    {
+        # sRGB, straight alpha. The colour of a surface point is corner_color interpolated times the texture at corner_uv.
+        "corner_color": ("|u1", ("f", 3, 4)),
+        "corner_uv": ("<f4", ("f", 3, 2)),  # v upwards, as in OBJ: row 0 of the texture is v = 1
+        "texture": ("|u1", ("h", "w", 4)),
+    },
+    optional=frozenset({"corner_color", "corner_uv", "texture"}),
+)
+"""Absent when the original has no colour at all."""
+
+HULL = Layout(
+    "hull.safetensors",
+    {
+        "positions": ("<f4", ("hv", 3)),
+        "faces": ("<i4", ("hf", 3)),
+        "normals": ("<f4", ("hv", 3)),  # unit; what the bake shot along (negated)
+    },
+)
+
+HULL_SEQUENCE = Layout(
+    "hull_sequence.safetensors",
+    {
+        # Collapse k moves vertex collapse_vertices[k, 0] to collapse_positions[k] and merges [k, 1] into it. Replaying the
+        # first m on the original gives the hull with f - 2 m faces.
+        "collapse_vertices": ("<i4", ("c", 2)),
+        "collapse_positions": ("<f4", ("c", 3)),
+    },
+)
+
+MAPS = Layout(
+    "maps.safetensors",
+    {
+        "tile_uv": ("<f4", ("hf", 3, 2)),  # texture coordinates of each hull corner; v downwards: row 0 is v = 0
+        "normal": ("|u1", ("h", "w", 3)),  # object space, n * 127.5 + 127.5 rounded
+        "color": ("|u1", ("h", "w", 4)),  # sRGB, straight alpha
+    },
+    optional=frozenset({"color"}),
+)
+
+TREE = Layout(
+    "tree.safetensors",
+    {
+        # Preorder. Node i owns edges [edge_start[i], edge_start[i + 1]) of the permuted edge arrays; culled, the walk goes
+        # on at skip[i]. scaled_normal is n / cos(theta); all zero where the node has no cone (never culled).
+        "scaled_normal": ("<f4", ("n", 3)),
+        "front_anchor": ("<f4", ("n", 3)),
+        "back_anchor": ("<f4", ("n", 3)),
+        "separation": ("<f4", ("n",)),
+        "skip": ("<i4", ("n",)),
+        "edge_start": ("<i4", ("m",)),  # m = n + 1
+        "edge_index": ("<i4", ("e",)),  # row in mesh.edge_vertices / edge_faces
+    },
+)
+
+HULL_GLB = "hull.glb"
+NORMAL_PNG = "normal.png"
+COLOR_PNG = "color.png"
+
+LAYOUTS = (MESH, APPEARANCE, HULL, HULL_SEQUENCE, MAPS, TREE)
+DOWNLOADS = {
+    HULL_GLB: "model/gltf-binary",
+    NORMAL_PNG: "image/png",
+    COLOR_PNG: "image/png",
+}

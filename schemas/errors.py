@@ -1,0 +1,111 @@
+"""The error tree. Every error a caller can cause is one of these; `service/errors.py` maps them to HTTP.
+
+    SilhouetteError
+    ├── InvalidRequestError     the request itself is wrong                        422 (names the field)
+    │   └── CapabilityError     this mesh cannot do what was asked, and why        422
+    ├── MeshRejectedError       the bytes are no usable mesh                       422 (kept as the mesh's failure)
+    ├── UnknownFormatError      no loader for these bytes                          415
+    ├── TooLargeError           over a configured limit                            413
+    ├── NotFoundError           no such mesh or artifact                           404
+    ├── NotReadyError           accepted, but not processed yet                    409
+    ├── BusyError               admission is full, carries retry_after_s           503
+    ├── StorageFullError        no space to accept the bytes                       507
+    ├── CorruptArtifactError    a stored artifact fails its own checks             500
+    ├── StageFailedError        a preprocessing stage could not finish             kept as the mesh's failure
+    └── CancelledError          the mesh was deleted while a stage ran             never leaves the worker
+
+`code` is a stable slug for programs; the message is a sentence for people, without paths or Python text.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class SilhouetteError(Exception):
+    """Base of all errors of the product. `where` locates the fault (field, face index, byte offset, ...)."""
+
+    code = "internal"
+
+    def __init__(self, message: str, *, code: str | None = None, **where: Any) -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = where
+        if code is not None:
+            self.code = code
+
+
+class InvalidRequestError(SilhouetteError):
+    """The request is wrong; `where["field"]` names the field."""
+
+    code = "invalid-request"
+
+
+class CapabilityError(InvalidRequestError):
+    """The mesh cannot do what was asked; the message says why."""
+
+    code = "capability-unavailable"
+
+
+class MeshRejectedError(SilhouetteError):
+    """The uploaded bytes are not a usable mesh."""
+
+    code = "mesh-rejected"
+
+
+class UnknownFormatError(SilhouetteError):
+    """No loader knows this format."""
+
+    code = "unknown-format"
+
+
+class TooLargeError(SilhouetteError):
+    """A configured limit is exceeded; `where["limit"]` has it."""
+
+    code = "too-large"
+
+
+class NotFoundError(SilhouetteError):
+    """There is no such mesh or artifact."""
+
+    code = "not-found"
+
+
+class NotReadyError(SilhouetteError):
+    """The mesh is accepted but the asked-for part is not there yet."""
+
+    code = "not-ready"
+
+
+class BusyError(SilhouetteError):
+    """The service is at its admission limit."""
+
+    code = "busy"
+
+    def __init__(self, message: str, *, retry_after_s: float = 1.0, **where: Any) -> None:
+        super().__init__(message, **where)
+        self.retry_after_s = retry_after_s
+
+
+class StorageFullError(SilhouetteError):
+    """The store has no room."""
+
+    code = "storage-full"
+
+
+class CorruptArtifactError(SilhouetteError):
+    """A stored artifact does not pass its own checks."""
+
+    code = "corrupt-artifact"
+
+
+class StageFailedError(SilhouetteError):
+    """A preprocessing stage could not finish for a reason that running again will not change."""
+
+    code = "stage-failed"
+
+
+class CancelledError(SilhouetteError):
+    """The mesh was deleted while one of its stages ran."""
+
+    code = "cancelled"

@@ -1,0 +1,20 @@
+"""Stages of the preprocessing, and the dotted names under which the service enqueues them without knowing their code."""
+
+from __future__ import annotations
+
+RUN_STAGE = "worker.jobs.run_stage"
+"""Callable `(mesh_id: str, stage: str) -> None`; one job runs one stage."""
+
+WORKER_MODULE = "worker"
+"""`python -m` name of the worker process."""
+
+QUEUE = "silhouette"
+
+STAGES: dict[str, tuple[str, ...]] = {
+    "load": (),
+    "hull": ("load",),
+    "bake": ("hull",),
+    "tree": ("load",),
+    "verify": ("bake", "tree"),
+}
+"""Stage -> the stages that must be done (or skipped) before it. Publishing the manifest ends `verify`."""

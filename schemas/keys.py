@@ -1,0 +1,47 @@
+"""Keys of the object store. Everything durable about a mesh lies under `meshes/<id>/`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+
+from schemas.mesh import PreprocessOptions
+
+PIPELINE_VERSION = 1
+"""Part of every mesh id: raise it when artifacts of old and new code must not mix."""
+
+MESH_ID = re.compile(r"^[0-9a-f]{32}$")
+UPLOADS = "uploads/"
+MESHES = "meshes/"
+
+
+def mesh_id(upload_sha256: str, extension: str, options: PreprocessOptions) -> str:
+    """32 hex digits naming (bytes, format, options, pipeline version): the same upload twice is the same mesh."""
+    identity = json.dumps([upload_sha256, extension, options.model_dump(mode="json"), PIPELINE_VERSION], sort_keys=True)
+    return hashlib.sha256(identity.encode()).hexdigest()[:32]
+
+
+def upload(upload_sha256: str) -> str:
+    """The uploaded bytes."""
+    return f"{UPLOADS}{upload_sha256}"
+
+
+def accepted(mesh: str) -> str:
+    """The acceptance record (`schemas.manifest.Accepted`), written before 202."""
+    return f"{MESHES}{mesh}/accepted.json"
+
+
+def stage_record(mesh: str, stage: str) -> str:
+    """The record of a finished stage (`schemas.manifest.StageRecord`), written after its artifacts."""
+    return f"{MESHES}{mesh}/stages/{stage}.json"
+
+
+def artifact(mesh: str, name: str) -> str:
+    """An artifact file; names are in `schemas.artifacts`."""
+    return f"{MESHES}{mesh}/{name}"
+
+
+def manifest(mesh: str) -> str:
+    """The manifest (`schemas.manifest.Manifest`), written last: ready or failed for good."""
+    return f"{MESHES}{mesh}/manifest.json"

@@ -1,0 +1,153 @@
+"""Requests for pictures and silhouettes (names are final)."""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+MAX_SIDE_PX = 8192
+Vector = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Camera(_Request):
+    """A camera by eye and target, in model units. Looks from `eye` to `target`; `up` is up in the image."""
+
+    eye: Vector
+    target: Vector = [0.0, 0.0, 0.0]
+    up: Vector = [0.0, 1.0, 0.0]
+    fov_y_deg: FiniteFloat = Field(45.0, gt=0.0, lt=180.0)
+    projection: Literal["perspective", "orthographic"] = "perspective"
+    height: FiniteFloat | None = Field(None, gt=0.0, description="orthographic only: model units the image is high")
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        if self.eye == self.target:
+            raise ValueError("eye and target are the same point")
+        if not any(self.up):
+            raise ValueError("up is the zero vector")
+        view = [t - e for t, e in zip(self.target, self.eye, strict=True)]
+        scale_view, scale_up = max(map(abs, view)), max(map(abs, self.up))
+        if not (math.isfinite(scale_view) and scale_view > 0.0):
+            raise ValueError("eye and target are too far apart")
+        v, u = [x / scale_view for x in view], [x / scale_up for x in self.up]
+        cross = [v[1] * u[2] - v[2] * u[1], v[2] * u[0] - v[0] * u[2], v[0] * u[1] - v[1] * u[0]]
+        if max(map(abs, cross)) < 1e-9:
+            raise ValueError("up is parallel to the viewing direction")
+        if self.projection == "orthographic" and self.height is None:
+            raise ValueError("height is required for an orthographic camera")
+        return self
+
+
+class Orbit(_Request):
+    """A camera on a sphere around the mesh: azimuth turns about +y from +z, elevation rises towards +y."""
+
+    azimuth_deg: FiniteFloat = 0.0
+    elevation_deg: FiniteFloat = Field(0.0, ge=-90.0, le=90.0)
+    distance: Literal["fit"] | Annotated[FiniteFloat, Field(gt=0.0)] = "fit"
+    fov_y_deg: FiniteFloat = Field(45.0, gt=0.0, lt=180.0)
+
+
+class OrbitCamera(_Request):
+    """The orbit form of a camera: the mesh's bounding sphere is the centre; distance in model units or "fit"."""
+
+    orbit: Orbit
+
+
+AnyCamera = Camera | OrbitCamera
+
+
+class ShadingMode(StrEnum):
+    """How the surface is shaded; `mask` is the silhouette's coverage alone, in `color`."""
+
+    LAMBERT = "lambert"
+    NORMAL = "normal"
+    MASK = "mask"
+
+
+class Shading(_Request):
+    """Surface appearance."""
+
+    mode: ShadingMode = ShadingMode.LAMBERT
+    color: str = Field("#c8c8c8", pattern=r"^#[0-9a-fA-F]{6}$", description="sRGB surface colour where the mesh has none")
+    use_mesh_color: bool = Field(True, description="use the mesh's own colours when it has them")
+    light: Vector | None = Field(None, description="direction towards the light in camera space; default: up, right and behind the eye")
+    ambient: FiniteFloat = Field(0.25, ge=0.0, le=1.0)
+
+
+class Antialias(StrEnum):
+    """Rungs of silhouette antialiasing; msaa and ssaa are for the original only."""
+
+    NONE = "none"
+    LINE = "line"
+    COVERAGE = "coverage"
+    MSAA = "msaa"
+    SSAA = "ssaa"
+
+
+class Source(StrEnum):
+    """What is drawn: the clipped hull or the original mesh."""
+
+    AUTO = "auto"
+    CLIPPED = "clipped"
+    ORIGINAL = "original"
+
+
+class Accuracy(_Request):
+    """How exact the picture must be."""
+
+    antialias: Antialias = Antialias.COVERAGE
+    source: Source = Source.AUTO
+
+
+class ImageFormat(StrEnum):
+    """Image encodings; raw is width * height * 4 bytes, RGBA, sRGB, straight alpha, top row first."""
+
+    PNG = "png"
+    WEBP = "webp"
+    JPEG = "jpeg"
+    RAW = "raw"
+
+
+class RenderRequest(_Request):
+    """One picture."""
+
+    camera: AnyCamera = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
+    width: int = Field(512, ge=1, le=MAX_SIDE_PX)
+    height: int = Field(512, ge=1, le=MAX_SIDE_PX)
+    background: str = Field("transparent", pattern=r"^(transparent|#[0-9a-fA-F]{6})$")
+    shading: Shading = Shading()
+    accuracy: Accuracy = Accuracy()
+    format: ImageFormat | None = Field(None, description="overrides the Accept header")
+
+
+class ProjectTo(_Request):
+    """Image to project silhouette vertices into, pixels."""
+
+    width: int = Field(512, ge=1, le=MAX_SIDE_PX)
+    height: int = Field(512, ge=1, le=MAX_SIDE_PX)
+
+
+class SilhouetteRequest(_Request):
+    """One silhouette."""
+
+    camera: AnyCamera = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
+    contours: bool = Field(True, description="link the edges into closed contours")
+    positions: bool = Field(True, description="include the positions of the vertices, model units")
+    project: ProjectTo | None = Field(None, description="include the vertices' pixel coordinates in an image of this size")
+
+
+class Silhouette(BaseModel):
+    """The answer, as documented; the service writes it from arrays without building this model."""
+
+    eye: list[float] = Field(description="homogeneous, model units: [x, y, z, 1], or [dx, dy, dz, 0] towards an orthographic viewer")
+    edge_count: int
+    edges: list[tuple[int, int]] = Field(description="directed vertex pairs; the front-facing side is on the left seen from outside")
+    contours: list[list[int]] | None = Field(None, description="closed: the last vertex joins the first")
+    vertices: dict[str, Any] = Field({}, description='{"index": [...], "position": [[x, y, z], ...], "pixel": [[x, y], ...]} of the vertices used')

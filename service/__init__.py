@@ -1,0 +1,1 @@
+"""The HTTP API, the EGL renderer, and runtime silhouette extraction."""

@@ -1,0 +1,1 @@
+"""Numba kernels of the runtime; they know arrays only."""

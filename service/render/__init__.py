@@ -1,0 +1,1 @@
+"""From a render request to pixels: plan, passes, encoders."""

@@ -1,0 +1,1 @@
+"""Silhouette edges from the search tree, and the contours they form."""

@@ -1,0 +1,1 @@
+"""Numba kernels of the preprocessing; they know arrays only."""
