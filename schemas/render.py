@@ -6,7 +6,8 @@ import math
 from enum import StrEnum
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
+from pydantic_core import PydanticCustomError
 
 MAX_SIDE_PX = 8192
 Vector = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
@@ -14,6 +15,11 @@ Vector = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 
 class _Request(BaseModel):
     model_config = ConfigDict(extra="forbid")
+
+
+def _wrong(field: str, message: str) -> PydanticCustomError:
+    """A fault between fields, charged to the one field (in the error's `ctx`) that a caller would change."""
+    return PydanticCustomError("unusable_camera", message, {"field": field})
 
 
 class Camera(_Request):
@@ -29,19 +35,19 @@ class Camera(_Request):
     @model_validator(mode="after")
     def _usable(self) -> Self:
         if self.eye == self.target:
-            raise ValueError("eye and target are the same point")
+            raise _wrong("eye", "eye and target are the same point")
         if not any(self.up):
-            raise ValueError("up is the zero vector")
+            raise _wrong("up", "up is the zero vector")
         view = [t - e for t, e in zip(self.target, self.eye, strict=True)]
         scale_view, scale_up = max(map(abs, view)), max(map(abs, self.up))
         if not (math.isfinite(scale_view) and scale_view > 0.0):
-            raise ValueError("eye and target are too far apart")
+            raise _wrong("eye", "eye and target are too far apart")
         v, u = [x / scale_view for x in view], [x / scale_up for x in self.up]
         cross = [v[1] * u[2] - v[2] * u[1], v[2] * u[0] - v[0] * u[2], v[0] * u[1] - v[1] * u[0]]
         if max(map(abs, cross)) < 1e-9:
-            raise ValueError("up is parallel to the viewing direction")
+            raise _wrong("up", "up is parallel to the viewing direction")
         if self.projection == "orthographic" and self.height is None:
-            raise ValueError("height is required for an orthographic camera")
+            raise _wrong("height", "height is required for an orthographic camera")
         return self
 
 
@@ -60,7 +66,15 @@ class OrbitCamera(_Request):
     orbit: Orbit
 
 
-AnyCamera = Camera | OrbitCamera
+def _camera_form(value: object) -> str:
+    orbit = "orbit" in value if isinstance(value, dict) else isinstance(value, OrbitCamera)
+    return CAMERA_FORMS[1] if orbit else CAMERA_FORMS[0]
+
+
+CAMERA_FORMS = ("camera by eye", "camera by orbit")
+"""Names of the two forms inside error locations; faults are reported for the form that was meant, not for both."""
+
+AnyCamera = Annotated[Annotated[Camera, Tag(CAMERA_FORMS[0])] | Annotated[OrbitCamera, Tag(CAMERA_FORMS[1])], Discriminator(_camera_form)]
 
 
 class ShadingMode(StrEnum):
@@ -150,4 +164,6 @@ class Silhouette(BaseModel):
     edge_count: int
     edges: list[tuple[int, int]] = Field(description="directed vertex pairs; the front-facing side is on the left seen from outside")
     contours: list[list[int]] | None = Field(None, description="closed: the last vertex joins the first")
-    vertices: dict[str, Any] = Field({}, description='{"index": [...], "position": [[x, y, z], ...], "pixel": [[x, y], ...]} of the vertices used')
+    vertices: dict[str, Any] = Field(
+        {}, description='{"index": [...], "position": [[x, y, z], ...], "pixel": [[x, y], ...]} of the vertices used'
+    )
