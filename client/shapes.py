@@ -33,9 +33,10 @@ def tube(curve: Vertices, radius: float, around: int) -> tuple[Vertices, Faces]:
     binormal = np.cross(tangent, normal)
     ring = np.cos(phase)[..., None] * normal[:, None] + np.sin(phase)[..., None] * binormal[:, None]
     vertices = (curve[:, None] + radius * ring).reshape(-1, 3)
-    i, j = np.meshgrid(np.arange(n), np.arange(around), indexing="ij")
-    a, b = i * around + j, i * around + (j + 1) % around
-    c, d = ((i + 1) % n) * around + j, ((i + 1) % n) * around + (j + 1) % around
+    row, column = np.meshgrid(np.arange(n), np.arange(around), indexing="ij")
+    next_row, next_column = (row + 1) % n, (column + 1) % around
+    a, b = row * around + column, row * around + next_column
+    c, d = next_row * around + column, next_row * around + next_column
     faces = np.stack([np.stack([a, c, b], -1), np.stack([b, c, d], -1)], axis=2).reshape(-1, 3)
     faces = faces[:, ::-1]
     return vertices, np.ascontiguousarray(faces, np.int32)

@@ -1,0 +1,44 @@
+# Every target sets up what it needs first. No make on this machine? `python3 setup/bootstrap.py` is `make setup`.
+
+PYTHON ?= $(shell command -v python3.13 || command -v python3.12 || command -v python3.11 || command -v python3)
+BIN := .venv/bin
+MESH ?=
+BENCH_MESHES ?= knot
+
+.PHONY: help setup setup-dev demo test check format bench serve lock clean
+
+help:  ## what can be made
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+setup:  ## .venv with the locked packages, and the system's EGL and Mesa libraries
+	@$(PYTHON) setup/bootstrap.py
+
+setup-dev:  ## the same with the tools for tests and checks
+	@$(PYTHON) setup/bootstrap.py --dev
+
+demo: setup  ## upload, preprocess, render: writes demo/*.png, *.svg, *.json; MESH=path for a mesh of your own
+	@$(BIN)/silhouette demo $(MESH) --out demo
+
+test: setup-dev  ## all tests
+	@$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+check: setup-dev  ## style, types, import directions
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
+
+format: setup-dev  ## rewrite the sources in the project's format
+	@$(BIN)/ruff check --fix-only --quiet . ; $(BIN)/ruff format .
+
+bench: setup-dev  ## all benchmarks; BENCH_MESHES="path path ..." for meshes of your own
+	@for mesh in $(BENCH_MESHES); do for bench in preprocess extraction frame; do \
+	  $(BIN)/python -m benchmarks.$$bench "$$mesh" || exit 1; done; \
+	  $(BIN)/python -m benchmarks.hull "$$mesh" --faces 500,1000 --out benchmarks/out || exit 1; done
+
+serve: setup  ## the service on http://127.0.0.1:8000
+	@$(BIN)/silhouette serve
+
+lock: setup-dev  ## resolve the locked versions again (needs uv)
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header -q pyproject.toml requirements/build.in -o requirements/run.lock
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header -q --extra dev pyproject.toml requirements/build.in -o requirements/dev.lock
+
+clean:  ## remove what was built
+	rm -rf .venv build dist demo *.egg-info .pytest_cache .mypy_cache .ruff_cache
