@@ -1,0 +1,120 @@
+"""Reading and writing the records that make the store the truth (`schemas.manifest`).
+
+Two locks keep acceptance, publication and deletion apart, always taken in this order: the upload's, then the mesh's.
+After `forget` nothing of a mesh can be written any more, unless it is accepted again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from backend.store import Store
+from schemas import keys
+from schemas.errors import CancelledError, CorruptArtifactError, NotFoundError
+from schemas.manifest import Accepted, Manifest, StageRecord
+
+R = TypeVar("R", bound=BaseModel)
+
+
+def accept(store: Store, accepted: Accepted, upload: Path) -> bool:
+    """Make an upload durable: its bytes (the file `upload`, moved away), then its record. False when it was accepted before.
+
+    Raises StorageFullError; then nothing is accepted.
+    """
+    with store.locked(keys.upload(accepted.upload_sha256)):
+        if not store.exists(keys.upload(accepted.upload_sha256)):
+            store.put_file(keys.upload(accepted.upload_sha256), upload)
+        with store.locked(keys.accepted(accepted.id)):
+            return store.put_bytes(keys.accepted(accepted.id), _json(accepted), create_only=True)
+
+
+def is_accepted(store: Store, mesh_id: str) -> bool:
+    """Whether the mesh is accepted and not deleted."""
+    return store.exists(keys.accepted(mesh_id))
+
+
+def read_accepted(store: Store, mesh_id: str) -> Accepted:
+    """The acceptance record. Raises NotFoundError."""
+    return _read(store, keys.accepted(mesh_id), Accepted)
+
+
+def list_accepted(store: Store) -> Iterator[Accepted]:
+    """All accepted meshes, by id."""
+    for mesh_id in store.children(keys.MESHES):
+        try:
+            yield read_accepted(store, mesh_id)
+        except NotFoundError:  # deleted meanwhile
+            continue
+
+
+def unfinished(store: Store) -> Iterator[str]:
+    """Ids of accepted meshes that have no manifest yet."""
+    for mesh_id in store.children(keys.MESHES):
+        if not store.exists(keys.manifest(mesh_id)) and is_accepted(store, mesh_id):
+            yield mesh_id
+
+
+@contextmanager
+def publishing(store: Store, mesh_id: str) -> Iterator[None]:
+    """Hold the mesh while writing below it. Raises CancelledError when it has been deleted."""
+    with store.locked(keys.accepted(mesh_id)):
+        if not is_accepted(store, mesh_id):
+            raise CancelledError("the mesh has been deleted", mesh=mesh_id)
+        yield
+
+
+def write_stage(store: Store, mesh_id: str, record: StageRecord) -> None:
+    """Write a stage's record; the caller holds `publishing`."""
+    store.put_bytes(keys.stage_record(mesh_id, record.stage), _json(record))
+
+
+def read_stage(store: Store, mesh_id: str, stage: str) -> StageRecord | None:
+    """A stage's record, or None when it has not ended."""
+    try:
+        return _read(store, keys.stage_record(mesh_id, stage), StageRecord)
+    except NotFoundError:
+        return None
+
+
+def write_manifest(store: Store, manifest: Manifest) -> bool:
+    """Write the manifest, once: False when there was one. The caller holds `publishing`."""
+    return store.put_bytes(keys.manifest(manifest.id), _json(manifest), create_only=True)
+
+
+def read_manifest(store: Store, mesh_id: str) -> Manifest | None:
+    """The manifest, or None while the mesh is in work."""
+    try:
+        return _read(store, keys.manifest(mesh_id), Manifest)
+    except NotFoundError:
+        return None
+
+
+def forget(store: Store, mesh_id: str) -> bool:
+    """Delete a mesh, its record first, and its upload when no other mesh has it. False when there was no such mesh."""
+    try:
+        upload = read_accepted(store, mesh_id).upload_sha256
+    except NotFoundError:
+        return False
+    with store.locked(keys.upload(upload)):
+        with store.locked(keys.accepted(mesh_id)):
+            existed = store.delete(keys.accepted(mesh_id))
+            store.delete_prefix(f"{keys.MESHES}{mesh_id}/")
+        if not any(other.upload_sha256 == upload for other in list_accepted(store)):
+            store.delete(keys.upload(upload))
+    return existed
+
+
+def _json(record: BaseModel) -> bytes:
+    return record.model_dump_json().encode()
+
+
+def _read(store: Store, key: str, model: type[R]) -> R:
+    try:
+        return model.model_validate_json(store.get_bytes(key))
+    except ValidationError as error:
+        raise CorruptArtifactError("a record is damaged", key=key) from error
