@@ -1,0 +1,166 @@
+"""From the error tree to HTTP: one table, one shape (`application/problem+json`, RFC 9457), no text that was not meant for callers."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import orjson
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+
+from schemas import errors as tree
+from schemas.mesh import Problem
+from schemas.render import CAMERA_FORMS
+
+log = logging.getLogger("silhouette.service")
+
+PROBLEM_JSON = "application/problem+json"
+TYPE_PREFIX = "urn:silhouette:problem:"
+
+STATUS: dict[type[tree.SilhouetteError], tuple[int, str]] = {
+    tree.InvalidRequestError: (422, "The request is not valid"),
+    tree.CapabilityError: (422, "This mesh cannot do that"),
+    tree.MeshRejectedError: (422, "The mesh cannot be used"),
+    tree.StageFailedError: (422, "The mesh could not be processed"),
+    tree.UnknownFormatError: (415, "Unknown mesh format"),
+    tree.TooLargeError: (413, "Too large"),
+    tree.NotFoundError: (404, "Not found"),
+    tree.NotReadyError: (409, "Not ready yet"),
+    tree.BusyError: (503, "The service is busy"),
+    tree.StorageFullError: (507, "No room for the upload"),
+    tree.CorruptArtifactError: (500, "A stored artifact is damaged"),
+    tree.CancelledError: (404, "The mesh was deleted"),
+    tree.SilhouetteError: (500, "Internal error"),
+}
+
+HTTP_TITLES = {
+    400: ("bad-request", "The request cannot be read", "The request is not well-formed HTTP or its body breaks its own format."),
+    404: ("not-found", "Not found", "There is nothing at this address; /docs lists what there is."),
+    405: ("method-not-allowed", "Method not allowed", "This address does not take that method; /docs lists what it takes."),
+    406: ("not-acceptable", "Not acceptable", "None of the media types in Accept can be produced here."),
+    413: ("too-large", "Too large", "The body is larger than this address takes."),
+}
+
+PRIVATE = frozenset({*Problem.model_fields, "key", "path"})
+"""What never goes from an error's `where` into an answer: RFC 9457's own members, and where things lie in the store."""
+
+NOT_READY_RETRY_S = 1
+"""Seconds after which asking again for a mesh in processing makes sense; stages take seconds."""
+
+
+class FailedMeshError(tree.MeshRejectedError):
+    """The preprocessing of the mesh failed for good; `problem` is how the mesh itself says why."""
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem.detail)
+        self.problem = problem
+
+
+def status_of(error: tree.SilhouetteError) -> tuple[int, str]:
+    """(HTTP status, title) of an error: that of the nearest class of the tree."""
+    return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
+
+
+def problem_of(error: tree.SilhouetteError) -> Problem:
+    """The problem details a caller sees for an error of the tree."""
+    if isinstance(error, FailedMeshError):
+        return error.problem.model_copy(update={"status": 422})
+    status, title = status_of(error)
+    extra = {name: value for name, value in error.where.items() if name not in PRIVATE and _is_json(value)}
+    if isinstance(error, tree.InvalidRequestError) and "field" in error.where:
+        extra["errors"] = [{"field": error.where["field"], "message": error.message}]
+    return Problem(type=TYPE_PREFIX + error.code, title=title, status=status, detail=error.message, code=error.code, **extra)
+
+
+def problem_response(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
+    """A problem as an HTTP answer."""
+    body = orjson.dumps(problem.model_dump(mode="json", exclude_none=True))
+    return Response(body, status_code=problem.status, media_type=PROBLEM_JSON, headers={"Cache-Control": "no-store", **(headers or {})})
+
+
+def invalid_fields(faults: Iterable[Mapping[str, Any]], names: Mapping[str, str] | None = None) -> list[dict[str, str]]:
+    """Pydantic's faults as `{field, message}`, each field once; `names` renames dotted fields (`camera.fov_y_deg` -> `fov`)."""
+    found: dict[str, str] = {}
+    for fault in faults:
+        field = _field(fault)
+        field = (names or {}).get(field, field)
+        if fault["type"] == "json_invalid":
+            found.setdefault("body", "the body is not valid JSON")
+        else:
+            message = str(fault["msg"])
+            found[field] = f"{found[field]}; or {message}" if field in found else message
+    return [{"field": field, "message": message} for field, message in found.items()]
+
+
+def validation_problem(fields: list[dict[str, str]]) -> Problem:
+    """422 that names every wrong field, the first of them in the detail."""
+    first = fields[0] if fields else {"field": "body", "message": "not valid"}
+    more = f" (and {len(fields) - 1} more)" if len(fields) > 1 else ""
+    status, title = STATUS[tree.InvalidRequestError]
+    code = tree.InvalidRequestError.code
+    return Problem(
+        type=TYPE_PREFIX + code, title=title, status=status, detail=f"{first['field']}: {first['message']}{more}", code=code, errors=fields
+    )
+
+
+def _field(fault: Mapping[str, Any]) -> str:
+    """Dotted name of the field a fault is about, without the place it came in by and pydantic's names of union members."""
+    parts = [str(part) for part in fault["loc"] if part not in CAMERA_FORMS]
+    if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
+        parts = parts[1:]
+    parts = [part for part in parts if all(c.isalnum() or c in "_." for c in part)]
+    between = (fault.get("ctx") or {}).get("field")
+    return ".".join([*parts, between] if between else parts) or "body"
+
+
+def _is_json(value: object) -> bool:
+    return value is None or isinstance(value, (str, int, float, bool)) or (isinstance(value, (list, tuple)) and all(map(_is_json, value)))
+
+
+async def _on_known(_: Request, error: Exception) -> Response:
+    assert isinstance(error, tree.SilhouetteError)
+    headers = {}
+    if isinstance(error, tree.BusyError):
+        headers["Retry-After"] = str(max(1, round(error.retry_after_s)))
+    elif isinstance(error, tree.NotReadyError):
+        headers["Retry-After"] = str(NOT_READY_RETRY_S)
+    problem = problem_of(error)
+    if problem.status == 500:
+        log.error("%s: %s", error.code, error.message, exc_info=error)
+    return problem_response(problem, headers)
+
+
+async def _on_invalid(_: Request, error: Exception) -> Response:
+    assert isinstance(error, (RequestValidationError, ValidationError))
+    return problem_response(validation_problem(invalid_fields(error.errors())))
+
+
+async def _on_http(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    code, title, detail = HTTP_TITLES.get(error.status_code, ("http-error", "The request was refused", "The request was refused."))
+    problem = Problem(type=TYPE_PREFIX + code, title=title, status=error.status_code, detail=detail, code=code)
+    return problem_response(problem, error.headers)
+
+
+async def _on_gone(_: Request, __: Exception) -> Response:
+    return Response(status_code=499)  # nobody is left to read it; the number is for the access log
+
+
+async def _on_unexpected(_: Request, __: Exception) -> Response:
+    status, title = STATUS[tree.SilhouetteError]
+    detail = "Something went wrong inside the service. The fault is in its log."
+    return problem_response(Problem(type=TYPE_PREFIX + "internal", title=title, status=status, detail=detail, code="internal"))
+
+
+def install(app: FastAPI) -> None:
+    """Make every error of the app a problem."""
+    app.add_exception_handler(tree.SilhouetteError, _on_known)
+    app.add_exception_handler(RequestValidationError, _on_invalid)
+    app.add_exception_handler(HTTPException, _on_http)
+    app.add_exception_handler(ClientDisconnect, _on_gone)
+    app.add_exception_handler(Exception, _on_unexpected)
