@@ -99,7 +99,7 @@ def content_sha256(arrays: Mapping[str, Array]) -> str:
     digest = hashlib.sha256()
     for name, array in arrays.items():
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        digest.update(memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b"")
+        digest.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
     return digest.hexdigest()
 
 
@@ -119,7 +119,7 @@ def _write(file: BinaryIO, arrays: Mapping[str, Array], metadata: dict[str, str]
     file.write(len(text).to_bytes(8, "little") + text)
     for array in arrays.values():
         if array.size:
-            file.write(memoryview(array).cast("B"))
+            file.write(array.data.cast("B"))
     file.flush()
 
 

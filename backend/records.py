@@ -6,6 +6,7 @@ After `forget` nothing of a mesh can be written any more, unless it is accepted 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,7 @@ from schemas import keys
 from schemas.errors import CancelledError, CorruptArtifactError, NotFoundError
 from schemas.manifest import Accepted, Manifest, StageRecord
 
+log = logging.getLogger(__name__)
 R = TypeVar("R", bound=BaseModel)
 
 
@@ -50,6 +52,8 @@ def list_accepted(store: Store) -> Iterator[Accepted]:
             yield read_accepted(store, mesh_id)
         except NotFoundError:  # deleted meanwhile
             continue
+        except CorruptArtifactError:
+            log.exception("unreadable acceptance record", extra={"mesh": mesh_id})
 
 
 def unfinished(store: Store) -> Iterator[str]:
@@ -74,10 +78,13 @@ def write_stage(store: Store, mesh_id: str, record: StageRecord) -> None:
 
 
 def read_stage(store: Store, mesh_id: str, stage: str) -> StageRecord | None:
-    """A stage's record, or None when it has not ended."""
+    """A stage's record, or None when it has not ended. A damaged one counts as none: the stage runs again."""
     try:
         return _read(store, keys.stage_record(mesh_id, stage), StageRecord)
     except NotFoundError:
+        return None
+    except CorruptArtifactError:
+        log.exception("unreadable stage record", extra={"mesh": mesh_id, "stage": stage})
         return None
 
 
@@ -95,18 +102,41 @@ def read_manifest(store: Store, mesh_id: str) -> Manifest | None:
 
 
 def forget(store: Store, mesh_id: str) -> bool:
-    """Delete a mesh, its record first, and its upload when no other mesh has it. False when there was no such mesh."""
+    """Delete a mesh, its acceptance first, and its upload when no other mesh has it. False when there was no such mesh."""
     try:
         upload = read_accepted(store, mesh_id).upload_sha256
     except NotFoundError:
         return False
     with store.locked(keys.upload(upload)):
-        with store.locked(keys.accepted(mesh_id)):
-            existed = store.delete(keys.accepted(mesh_id))
-            store.delete_prefix(f"{keys.MESHES}{mesh_id}/")
-        if not any(other.upload_sha256 == upload for other in list_accepted(store)):
+        existed = _forget_mesh(store, mesh_id)
+        if upload not in _uploads_in_use(store):
             store.delete(keys.upload(upload))
     return existed
+
+
+def sweep(store: Store, temporary_age_s: float) -> None:
+    """Remove what interrupted calls left: old temporary files, meshes and uploads without an acceptance record."""
+    store.sweep_temporary(temporary_age_s)
+    for mesh_id in list(store.children(keys.MESHES)):
+        with store.locked(keys.accepted(mesh_id)):
+            if not is_accepted(store, mesh_id):
+                store.delete_prefix(f"{keys.MESHES}{mesh_id}/")
+    in_use = _uploads_in_use(store)
+    for upload in set(store.children(keys.UPLOADS)) - in_use:
+        with store.locked(keys.upload(upload)):
+            if upload not in _uploads_in_use(store):
+                store.delete(keys.upload(upload))
+
+
+def _forget_mesh(store: Store, mesh_id: str) -> bool:
+    with store.locked(keys.accepted(mesh_id)):
+        existed = store.delete(keys.accepted(mesh_id))
+        store.delete_prefix(f"{keys.MESHES}{mesh_id}/")
+        return existed
+
+
+def _uploads_in_use(store: Store) -> set[str]:
+    return {accepted.upload_sha256 for accepted in list_accepted(store)}
 
 
 def _json(record: BaseModel) -> bytes:

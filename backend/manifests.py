@@ -1,0 +1,51 @@
+"""From stage records to the manifest that ends a mesh's preprocessing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+from schemas.jobs import STAGES
+from schemas.manifest import FrameRecord, Manifest, StageRecord
+from schemas.mesh import Capability, HullInfo, MeshStats, Problem
+
+
+def build_manifest(mesh_id: str, records: Mapping[str, StageRecord | None]) -> Manifest:
+    """The manifest for the records of all stages, or of those that ended when one of them failed.
+
+    Reports that it reads: `frame`, `stats`, `repairs` of load, `faces`, `volume_excess` of hull, and `capabilities` of any
+    stage, where a later stage overrides an earlier one.
+    """
+    ended = [record for stage in STAGES if (record := records.get(stage)) is not None]
+    failed = next((record for record in ended if record.outcome == "failed"), None)
+    reports = {record.stage: record.report for record in ended if record.outcome == "done"}
+    load, hull = reports.get("load", {}), reports.get("hull")
+    return Manifest(
+        id=mesh_id,
+        status="failed" if failed else "ready",
+        frame=_model(FrameRecord, load.get("frame")),
+        stats=_model(MeshStats, load.get("stats")),
+        capabilities=_capabilities(ended),
+        hull=_model(HullInfo, hull),
+        repairs=load.get("repairs"),
+        stages=ended,
+        error=failed.error if failed else None,
+        finished=datetime.now(UTC),
+    )
+
+
+def failed_record(stage: str, seconds: float, error: Problem) -> StageRecord:
+    """The record of a stage that failed for good."""
+    return StageRecord(stage=stage, outcome="failed", seconds=seconds, error=error)
+
+
+def _capabilities(records: list[StageRecord]) -> dict[str, Capability]:
+    merged: dict[str, Capability] = {}
+    for record in records:
+        merged |= {name: Capability.model_validate(value) for name, value in record.report.get("capabilities", {}).items()}
+    return merged
+
+
+def _model(model: type[Any], value: Any) -> Any:
+    return None if value is None else model.model_validate(value)
