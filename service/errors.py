@@ -61,6 +61,14 @@ class FailedMeshError(tree.MeshRejectedError):
         self.problem = problem
 
 
+class InvalidFieldsError(tree.InvalidRequestError):
+    """Several fields may be wrong; each is `{field, message}`, under the names the caller used."""
+
+    def __init__(self, fields: list[dict[str, str]]) -> None:
+        super().__init__("; ".join(f"{item['field']}: {item['message']}" for item in fields), field=fields[0]["field"])
+        self.fields = fields
+
+
 def status_of(error: tree.SilhouetteError) -> tuple[int, str]:
     """(HTTP status, title) of an error: that of the nearest class of the tree."""
     return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
@@ -70,6 +78,8 @@ def problem_of(error: tree.SilhouetteError) -> Problem:
     """The problem details a caller sees for an error of the tree."""
     if isinstance(error, FailedMeshError):
         return error.problem.model_copy(update={"status": 422})
+    if isinstance(error, InvalidFieldsError):
+        return validation_problem(error.fields)
     status, title = status_of(error)
     extra = {name: value for name, value in error.where.items() if name not in PRIVATE and _is_json(value)}
     if isinstance(error, tree.InvalidRequestError) and "field" in error.where:
@@ -92,7 +102,7 @@ def invalid_fields(faults: Iterable[Mapping[str, Any]], names: Mapping[str, str]
         if fault["type"] == "json_invalid":
             found.setdefault("body", "the body is not valid JSON")
         else:
-            message = str(fault["msg"])
+            message = str(fault["msg"]).removeprefix("Input ")
             found[field] = f"{found[field]}; or {message}" if field in found else message
     return [{"field": field, "message": message} for field, message in found.items()]
 

@@ -1,0 +1,159 @@
+"""A view as query parameters, for `<img src>`: flat names in, a checked request out, faults by the flat names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from schemas.errors import InvalidRequestError
+from schemas.render import Antialias, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
+from service.errors import InvalidFieldsError, invalid_fields
+
+Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
+
+QUERY_NAMES = {
+    "camera.eye": "eye",
+    "camera.target": "target",
+    "camera.up": "up",
+    "camera.fov_y_deg": "fov",
+    "camera.projection": "projection",
+    "camera.height": "height_units",
+    "camera.orbit.azimuth_deg": "azimuth",
+    "camera.orbit.elevation_deg": "elevation",
+    "camera.orbit.distance": "distance",
+    "camera.orbit.fov_y_deg": "fov",
+    "shading.mode": "shading",
+    "shading.color": "color",
+    "shading.use_mesh_color": "mesh_color",
+    "shading.light": "light",
+    "shading.ambient": "ambient",
+    "accuracy.antialias": "antialias",
+    "accuracy.source": "source",
+    "project.width": "width",
+    "project.height": "height",
+}
+"""Field of a request body -> query parameter."""
+
+ORBIT_ONLY = ("azimuth", "elevation", "distance")
+EYE_ONLY = ("target", "up", "projection", "height_units")
+
+
+class CameraQuery(BaseModel):
+    """A camera by orbit angles, or by `eye` and `target`, and the size of the image."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    azimuth: float = Field(30.0, description="degrees about +y, from +z; orbit camera", examples=[30])
+    elevation: float = Field(20.0, description="degrees towards +y, -90 to 90; orbit camera", examples=[20])
+    distance: str = Field("fit", description="`fit`, or model units from the centre of the mesh; orbit camera", examples=["fit", "2.5"])
+    fov: float = Field(45.0, description="vertical field of view in degrees, between 0 and 180", examples=[45])
+    eye: str | None = Field(None, description="x,y,z in model units; instead of the orbit camera", examples=["0,0,3"])
+    target: str | None = Field(None, description="x,y,z the camera looks at; default the origin; with `eye`", examples=["0,0,0"])
+    up: str | None = Field(None, description="x,y,z that is up in the image; default 0,1,0; with `eye`", examples=["0,1,0"])
+    projection: Literal["perspective", "orthographic"] = Field("perspective", description="`orthographic` needs `eye` and `height_units`")
+    height_units: float | None = Field(None, description="model units the image is high; orthographic only", examples=[2.0])
+    width: int = Field(512, description="pixels, 1 to 8192", examples=[512])
+    height: int = Field(512, description="pixels, 1 to 8192", examples=[512])
+
+    def camera(self) -> dict[str, Any]:
+        """The camera as the request body has it. Raises InvalidRequestError where both forms are mixed."""
+        given = self.model_fields_set
+        if self.eye is None:
+            for name in EYE_ONLY:
+                if name in given:
+                    raise InvalidRequestError(f"{name} needs eye: without it the camera is an orbit.", field=name)
+            distance: str | float = "fit" if self.distance == "fit" else _number(self.distance, "distance")
+            return {"orbit": {"azimuth_deg": self.azimuth, "elevation_deg": self.elevation, "distance": distance, "fov_y_deg": self.fov}}
+        for name in ORBIT_ONLY:
+            if name in given:
+                raise InvalidRequestError(f"{name} and eye cannot be combined: the one is an orbit, the other a place.", field=name)
+        camera: dict[str, Any] = {"eye": vector(self.eye, "eye"), "fov_y_deg": self.fov, "projection": self.projection}
+        camera |= {name: vector(text, name) for name, text in (("target", self.target), ("up", self.up)) if text is not None}
+        return camera | ({} if self.height_units is None else {"height": self.height_units})
+
+
+class SilhouetteQuery(CameraQuery):
+    """A silhouette projected into an image."""
+
+    contours: bool = Field(True, description="link the edges into closed contours")
+    positions: bool = Field(True, description="include the positions of the vertices")
+
+    def request(self) -> SilhouetteRequest:
+        """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
+        project = {"width": self.width, "height": self.height}
+        return _checked(SilhouetteRequest, camera=self.camera(), project=project, contours=self.contours, positions=self.positions)
+
+
+class RenderQuery(CameraQuery):
+    """A picture."""
+
+    background: str = Field("transparent", description="`transparent` or rrggbb", examples=["transparent", "ffffff"])
+    shading: ShadingMode = Field(ShadingMode.LAMBERT, description="how the surface is shaded")
+    color: str = Field("c8c8c8", description="rrggbb of the surface where the mesh has no colour", examples=["e0a050"])
+    mesh_color: bool = Field(True, description="use the mesh's own colours when it has them")
+    light: str | None = Field(None, description="x,y,z towards the light, in camera space", examples=["1,1,2"])
+    ambient: float = Field(0.25, description="light from everywhere, 0 to 1")
+    antialias: Antialias = Field(Antialias.COVERAGE, description="how the outline is smoothed; `msaa` and `ssaa` draw the original")
+    source: Source = Field(Source.AUTO, description="draw the clipped hull or the original mesh")
+
+    def request(self, image_format: ImageFormat) -> RenderRequest:
+        """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
+        return _checked(
+            RenderRequest,
+            camera=self.camera(),
+            width=self.width,
+            height=self.height,
+            background=self.background if self.background == "transparent" else _hash(self.background),
+            shading={
+                "mode": self.shading,
+                "color": _hash(self.color),
+                "use_mesh_color": self.mesh_color,
+                "light": None if self.light is None else vector(self.light, "light"),
+                "ambient": self.ambient,
+            },
+            accuracy={"antialias": self.antialias, "source": self.source},
+            format=image_format,
+        )
+
+
+def vector(text: str, field: str) -> list[float]:
+    """Three numbers with commas between. Raises InvalidRequestError."""
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise InvalidRequestError(f"{field} must be three numbers with commas between, like 0,0,3.", field=field)
+    return [_number(part, field) for part in parts]
+
+
+@contextmanager
+def query_names() -> Iterator[None]:
+    """Inside, an InvalidRequestError about a field of the body becomes one about the query parameter."""
+    try:
+        yield
+    except InvalidRequestError as error:
+        field = error.where.get("field")
+        if field not in QUERY_NAMES:
+            raise
+        name = QUERY_NAMES[field]
+        where = error.where | {"field": name}
+        raise type(error)(error.message.replace(field, name), code=error.code, **where) from error
+
+
+def _number(text: str, field: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidRequestError(f"{field} must be a number.", field=field) from None
+
+
+def _hash(color: str) -> str:
+    return color if color.startswith("#") else f"#{color}"
+
+
+def _checked(model: type[Wanted], **fields: Any) -> Wanted:
+    try:
+        return model.model_validate(fields)
+    except ValidationError as error:
+        raise InvalidFieldsError(invalid_fields(error.errors(), QUERY_NAMES)) from error
