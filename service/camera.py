@@ -1,0 +1,217 @@
+"""Cameras: from a request to the numbers that draw it.
+
+All mathematics is float64 in the normalised frame, so that a model at offset 1e7 or of size 1e-12 projects as well as one
+of size 1 at the origin. Three places would lose digits for a distant or far-off eye if they were written the obvious way:
+
+- the viewing direction comes from the difference of eye and target in model units, before either is normalised;
+- the lateral position of the frame's origin is measured from eye or target, whichever is nearer to it (both lie on the axis);
+- the depth row of the matrix is composed by hand: multiplying projection and view cancels d^2 / radius against itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from schemas.conventions import F8, Array, Frame
+from schemas.errors import InvalidRequestError
+from schemas.render import AnyCamera, Camera, Orbit
+
+FIT_MARGIN = 1.02
+"""A fitted sphere is this much smaller than the field of view."""
+DEPTH_MARGIN = 1.001
+"""The depth range is this much larger than the sphere that is drawn."""
+NEAREST_PART = 1e-4
+"""near >= this part of far: with 24 bits of depth, a thousandth of the range still resolves at the near end."""
+FARTHEST = 1e30
+"""Radii, pixels per unit and their inverses beyond this are refused: matrices must survive a cast to float32."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera resolved for one mesh and one image.
+
+    eye: (4,) f8 homogeneous in the normalised frame (`schemas.conventions`). matrix: (4, 4) f8, clip from normalised, for
+    column vectors and OpenGL clip space (-w <= x, y, z <= w, y up). view: (4, 4) f8, camera from normalised: a rotation and a
+    shift. width, height: pixels. near, far: depths in normalised units along the viewing direction, 0 < near < far (equal when the eye is so far
+    away that float64 cannot tell them apart; the matrix can).
+    pixel_scale: pixels one normalised unit covers, at depth one (perspective) or at every depth (orthographic).
+    """
+
+    eye: F8
+    matrix: F8
+    view: F8
+    width: int
+    height: int
+    near: float
+    far: float
+    pixel_scale: float
+
+    @property
+    def orthographic(self) -> bool:
+        """Whether the eye is a direction."""
+        return bool(self.eye[3] == 0.0)
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """Rotation (3, 3) with rows right, up, backward; origin: the frame's origin seen from the camera, (3,)."""
+
+    rotation: F8
+    origin: F8
+    eye: F8
+
+
+def resolve_camera(camera: AnyCamera, frame: Frame, width: int, height: int, radius: float = 1.0) -> View:
+    """The view of a mesh with this frame through `camera` in an image of width x height pixels.
+
+    radius: of a sphere about the frame's origin that holds everything that will be drawn, normalised units (the original's
+    is 1, a hull's a little more). It sets near and far only; `fit` always fits the original. Parts of the mesh may lie
+    behind the eye, and the eye may lie inside the mesh: near is then a small part of far. An orthographic camera has no
+    place along its axis: nothing is ever behind it.
+    Raises InvalidRequestError, with the field, when numbers overflow (an eye 1e30 radii away, a field of view of 1e-40).
+    """
+    if isinstance(camera, Camera):
+        pose = _eye_target_pose(camera, frame)
+        if camera.projection == "orthographic":
+            return _orthographic(pose, _positive(float(camera.height or 0.0) / frame.scale, "camera.height"), (width, height), radius)
+        return _perspective(pose, _focal(camera.fov_y_deg, "camera.fov_y_deg"), (width, height), radius)
+    focal = _focal(camera.orbit.fov_y_deg, "camera.orbit.fov_y_deg")
+    return _perspective(_orbit_pose(camera.orbit, frame, focal, width / height), focal, (width, height), radius)
+
+
+def project(view: View, points: Array) -> F8:
+    """(n, 3) points in the normalised frame -> (n, 4) f8 clip coordinates."""
+    p = np.asarray(points, np.float64).reshape(-1, 3)
+    return np.asarray(p @ view.matrix[:, :3].T + view.matrix[:, 3])
+
+
+def to_pixels(view: View, clip: F8) -> F8:
+    """(n, 4) clip coordinates -> (n, 2) f8 pixels: x to the right, y down, (0, 0) the corner of the top left pixel.
+
+    Points with w <= 0 are behind the eye; their rows are NaN.
+    """
+    w = np.where(clip[:, 3] > 0.0, clip[:, 3], np.nan)
+    return np.column_stack([(clip[:, 0] / w + 1.0) * (0.5 * view.width), (1.0 - clip[:, 1] / w) * (0.5 * view.height)])
+
+
+def _eye_target_pose(camera: Camera, frame: Frame) -> _Pose:
+    eye, target, up = (np.asarray(v, np.float64) for v in (camera.eye, camera.target, camera.up))
+    backward = _unit(eye - target)
+    right = _unit(np.cross(_unit(up), backward))
+    rotation = np.stack([right, np.cross(backward, right), backward])
+    with np.errstate(over="ignore"):
+        eye, target = frame.to_normalised(eye), frame.to_normalised(target)
+    if camera.projection == "orthographic":
+        nearer = _nearer(eye, target, "camera.eye")
+        return _Pose(rotation, -rotation @ nearer, np.append(backward, 0.0))
+    _near_enough(eye, "camera.eye")
+    lateral = _nearer(eye, target, "camera.eye")
+    origin = np.append(-rotation[:2] @ lateral, -rotation[2] @ eye)
+    return _Pose(rotation, origin, np.append(eye, 1.0))
+
+
+def _orbit_pose(orbit: Orbit, frame: Frame, focal: float, aspect: float) -> _Pose:
+    """The exact basis of the sphere's coordinates; unlike one made from "up", it has no pole."""
+    sin_a, cos_a = _sin_cos(orbit.azimuth_deg)
+    sin_e, cos_e = _sin_cos(orbit.elevation_deg)
+    backward = np.array([cos_e * sin_a, sin_e, cos_e * cos_a])
+    up = np.array([-sin_e * sin_a, cos_e, -sin_e * cos_a])
+    right = np.array([cos_a, 0.0, -sin_a])
+    if orbit.distance == "fit":
+        distance = _positive(_fit_distance(focal, aspect), "camera.orbit.fov_y_deg")
+    else:
+        distance = _positive(orbit.distance / frame.scale, "camera.orbit.distance")
+    return _Pose(np.stack([right, up, backward]), np.array([0.0, 0.0, -distance]), np.append(backward * distance, 1.0))
+
+
+def _fit_distance(focal: float, aspect: float) -> float:
+    """Where the unit sphere's outline is FIT_MARGIN inside the narrower field of view: radius / sin(half angle)."""
+    narrow = focal / min(aspect, 1.0)
+    return FIT_MARGIN * math.hypot(1.0, narrow)
+
+
+def _perspective(pose: _Pose, focal: float, size: tuple[int, int], radius: float) -> View:
+    width, height = size
+    depth = -float(pose.origin[2])
+    reach = radius * DEPTH_MARGIN
+    # all of the sphere behind the eye: any range will do, nothing is visible
+    far, beyond = (depth + reach, reach) if depth + reach > 0.0 else (reach, reach - depth)
+    near, before = depth - reach, reach
+    if near < far * NEAREST_PART:
+        near, before = far * NEAREST_PART, depth - far * NEAREST_PART
+    matrix = np.zeros((4, 4))
+    matrix[0] = _row(pose, 0) * (focal * height / width)
+    matrix[1] = _row(pose, 1) * focal
+    # -(f + n) / (f - n) z - 2 f n / (f - n) with z = r.p - depth, n = depth - before, f = depth + beyond, cancelled by hand
+    matrix[2, :3] = -pose.rotation[2] * ((far + near) / (before + beyond))
+    matrix[2, 3] = (2.0 * before * beyond - depth * (beyond - before)) / (before + beyond)
+    matrix[3] = -_row(pose, 2)
+    return _checked(pose, matrix, size, (near, far), focal * height / 2.0)
+
+
+def _orthographic(pose: _Pose, image_height: float, size: tuple[int, int], radius: float) -> View:
+    width, height = size
+    reach = radius * DEPTH_MARGIN
+    placed = _Pose(pose.rotation, np.append(pose.origin[:2], -2.0 * reach), pose.eye)
+    matrix = np.zeros((4, 4))
+    matrix[0] = _row(placed, 0) * (2.0 / image_height * height / width)
+    matrix[1] = _row(placed, 1) * (2.0 / image_height)
+    matrix[2, :3] = -pose.rotation[2] / reach
+    matrix[3, 3] = 1.0
+    return _checked(placed, matrix, size, (reach, 3.0 * reach), height / image_height)
+
+
+def _checked(pose: _Pose, matrix: F8, size: tuple[int, int], depths: tuple[float, float], pixel_scale: float) -> View:
+    if not np.abs(matrix).max() <= FARTHEST:
+        raise InvalidRequestError("the camera's eye, target and field of view are too extreme together", field="camera")
+    view = np.eye(4)
+    view[:3, :3], view[:3, 3] = pose.rotation, pose.origin
+    for array in (pose.eye, matrix, view):
+        array.setflags(write=False)
+    return View(pose.eye, matrix, view, size[0], size[1], depths[0], depths[1], pixel_scale)
+
+
+def _row(pose: _Pose, axis: int) -> F8:
+    return np.append(pose.rotation[axis], pose.origin[axis])
+
+
+def _focal(fov_y_deg: float, field: str) -> float:
+    """1 / tan(half the field of view)."""
+    half = math.radians(fov_y_deg) / 2.0
+    return _positive(math.cos(half) / math.sin(half) if half > 1.0 / FARTHEST else math.inf, field)
+
+
+def _positive(value: float, field: str) -> float:
+    """`value` when it can be used as a length in the normalised frame."""
+    if not 1.0 / FARTHEST <= value <= FARTHEST:
+        raise InvalidRequestError(f"{field} is too extreme for this mesh", field=field)
+    return value
+
+
+def _near_enough(vector: F8, field: str) -> F8:
+    if not np.abs(vector).max() <= FARTHEST:
+        raise InvalidRequestError(f"{field} is too far away for this mesh", field=field)
+    return vector
+
+
+def _nearer(a: F8, b: F8, field: str) -> F8:
+    """The one of two points that is nearer to the origin, by its largest coordinate."""
+    return _near_enough(a if np.abs(a).max() <= np.abs(b).max() else b, field)
+
+
+def _unit(vector: F8) -> F8:
+    """A unit vector, for vectors of any length that is not zero."""
+    scaled = vector / np.abs(vector).max()
+    return np.asarray(scaled / np.linalg.norm(scaled))
+
+
+def _sin_cos(degrees: float) -> tuple[float, float]:
+    """Sine and cosine, exact at multiples of 90 degrees."""
+    turns = math.remainder(degrees, 360.0)
+    quarter = round(turns / 90.0)
+    rest = math.radians(turns - 90.0 * quarter)
+    s, c = math.sin(rest), math.cos(rest)
+    return ((s, c), (c, -s), (-s, -c), (-c, s))[quarter % 4]
