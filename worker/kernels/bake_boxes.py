@@ -1,0 +1,164 @@
+"""A box hierarchy over triangles: the closest point, and the ground for the exact enclosure tests.
+
+The triangles are sorted along a Morton curve of their centroids and cut into leaves of LEAF; above them stands a complete
+binary tree in heap order (children of i are 2 i and 2 i + 1, leaf k is node P + k with P a power of two). Boxes of float32
+corners are exact. Empty leaves have an inverted box, which nothing meets.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+LEAF = 4
+STACK = 64  # a heap of 2^30 leaves is 31 deep
+
+
+@njit(cache=True)
+def _spread(x):
+    """Ten bits of x, two zeros between each."""
+    x = (x | (x << 16)) & np.uint32(0x030000FF)
+    x = (x | (x << 8)) & np.uint32(0x0300F00F)
+    x = (x | (x << 4)) & np.uint32(0x030C30C3)
+    return (x | (x << 2)) & np.uint32(0x09249249)
+
+
+@njit(cache=True)
+def _morton_codes(positions, faces):
+    low = np.full(3, np.inf)
+    high = np.full(3, -np.inf)
+    centre = np.empty((faces.shape[0], 3))
+    for f in range(faces.shape[0]):
+        for k in range(3):
+            c = 0.0
+            for i in range(3):
+                c += positions[faces[f, i], k]
+            centre[f, k] = c
+            low[k] = min(low[k], c)
+            high[k] = max(high[k], c)
+    size = max(high[0] - low[0], high[1] - low[1], high[2] - low[2])
+    factor = 1023.0 / size if size > 0.0 else 0.0
+    codes = np.empty(faces.shape[0], np.uint32)
+    for f in range(faces.shape[0]):
+        code = np.uint32(0)
+        for k in range(3):
+            cell = np.uint32((centre[f, k] - low[k]) * factor)
+            code |= _spread(cell) << np.uint32(k)
+        codes[f] = code
+    return codes
+
+
+@njit(cache=True)
+def _boxes(positions, faces, order):
+    leaves = 1
+    while leaves * LEAF < faces.shape[0]:
+        leaves *= 2
+    boxes = np.empty((2 * leaves, 6), np.float32)
+    boxes[:, :3] = np.inf
+    boxes[:, 3:] = -np.inf
+    for n in range(faces.shape[0]):
+        node = leaves + n // LEAF
+        for i in range(3):
+            for k in range(3):
+                x = positions[faces[order[n], i], k]
+                boxes[node, k] = min(boxes[node, k], x)
+                boxes[node, 3 + k] = max(boxes[node, 3 + k], x)
+    for node in range(leaves - 1, 0, -1):
+        for k in range(3):
+            boxes[node, k] = min(boxes[2 * node, k], boxes[2 * node + 1, k])
+            boxes[node, 3 + k] = max(boxes[2 * node, 3 + k], boxes[2 * node + 1, 3 + k])
+    return boxes
+
+
+def build_boxes(positions, faces):
+    """(order (f,) i8, boxes (2 P, 6) f4 low and high corners) of triangles. positions (v, 3) f4, faces (f, 3) i4, f > 0."""
+    order = np.argsort(_morton_codes(positions, faces), kind="stable")
+    return order, _boxes(positions, faces, order)
+
+
+@njit(cache=True)
+def _box_distance2(box, x, y, z):
+    dx = max(box[0] - x, 0.0, x - box[3])
+    dy = max(box[1] - y, 0.0, y - box[4])
+    dz = max(box[2] - z, 0.0, z - box[5])
+    return dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True)
+def _segment_parameter(px, py, pz, ux, uy, uz):
+    """Parameter in [0, 1] of the point of the segment from 0 to u that is closest to p."""
+    uu = ux * ux + uy * uy + uz * uz
+    if uu == 0.0:
+        return 0.0
+    return min(1.0, max(0.0, (px * ux + py * uy + pz * uz) / uu))
+
+
+@njit(cache=True)
+def closest_on_triangle(a, b, c, x, y, z):
+    """(squared distance, s, t): the closest point of the triangle to (x, y, z) is a + s (b - a) + t (c - a)."""
+    ax, ay, az = np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
+    ux, uy, uz = b[0] - ax, b[1] - ay, b[2] - az
+    vx, vy, vz = c[0] - ax, c[1] - ay, c[2] - az
+    px, py, pz = x - ax, y - ay, z - az
+    uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
+    pu, pv = px * ux + py * uy + pz * uz, px * vx + py * vy + pz * vz
+    det = uu * vv - uv * uv
+    best_s, best_t, best = 0.0, 0.0, np.inf
+    if det > 0.0:
+        s, t = (vv * pu - uv * pv) / det, (uu * pv - uv * pu) / det
+        if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
+            dx, dy, dz = px - s * ux - t * vx, py - s * uy - t * vy, pz - s * uz - t * vz
+            best_s, best_t, best = s, t, dx * dx + dy * dy + dz * dz
+    # the three sides as well, always: for a needle the interior solution above is not to be trusted
+    for side in range(3):
+        if side == 0:
+            s, t = _segment_parameter(px, py, pz, ux, uy, uz), 0.0
+        elif side == 1:
+            s, t = 0.0, _segment_parameter(px, py, pz, vx, vy, vz)
+        else:
+            t = _segment_parameter(px - ux, py - uy, pz - uz, vx - ux, vy - uy, vz - uz)
+            s = 1.0 - t
+        dx, dy, dz = px - s * ux - t * vx, py - s * uy - t * vy, pz - s * uz - t * vz
+        distance2 = dx * dx + dy * dy + dz * dz
+        if distance2 < best:
+            best_s, best_t, best = s, t, distance2
+    return best, best_s, best_t
+
+
+@njit(cache=True)
+def closest_points(positions, faces, order, boxes, points):
+    """(face (n,) i4, weights (n, 3) f8, squared distance (n,) f8) of the triangle point closest to each of points (n, 3) f8."""
+    leaves = boxes.shape[0] // 2
+    count = points.shape[0]
+    face = np.empty(count, np.int32)
+    weights = np.empty((count, 3))
+    found = np.empty(count)
+    stack = np.empty(STACK, np.int64)
+    near = np.empty(STACK)
+    for n in range(count):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        best = np.inf
+        stack[0], near[0], top = 1, 0.0, 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if near[top] >= best:
+                continue
+            if node >= leaves:
+                start = (node - leaves) * LEAF
+                for i in range(start, min(start + LEAF, faces.shape[0])):
+                    f = order[i]
+                    d, s, t = closest_on_triangle(positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]], x, y, z)
+                    if d < best:
+                        best, face[n] = d, f
+                        weights[n, 0], weights[n, 1], weights[n, 2] = 1.0 - s - t, s, t
+                continue
+            first, second = 2 * node, 2 * node + 1
+            d1, d2 = _box_distance2(boxes[first], x, y, z), _box_distance2(boxes[second], x, y, z)
+            if d1 < d2:
+                first, second, d1, d2 = second, first, d2, d1
+            stack[top], near[top] = first, d1
+            stack[top + 1], near[top + 1] = second, d2
+            top += 2
+        found[n] = best
+    return face, weights, found
