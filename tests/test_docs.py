@@ -1,0 +1,69 @@
+"""Documentation is complete: a route, setting, command or error without a word about it fails here."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from schemas import errors
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+
+
+def test_every_route_is_documented():
+    from fastapi.routing import APIRoute
+
+    from service.app import create_app
+    from service.settings import ServiceSettings
+
+    text = (DOCS / "api.md").read_text()
+    app = create_app(ServiceSettings())
+    paths = {route.path for route in app.routes if isinstance(route, APIRoute)}
+    assert paths
+    assert [path for path in sorted(paths) if path not in text] == []
+
+
+def test_every_setting_is_documented():
+    from service.settings import ServiceSettings
+    from worker.settings import WorkerSettings
+
+    text = (DOCS / "settings.md").read_text()
+    names = {f"SILHOUETTE_{name.upper()}" for model in (ServiceSettings, WorkerSettings) for name in model.model_fields}
+    assert [name for name in sorted(names) if f"`{name}`" not in text] == []
+
+
+def test_documented_settings_exist():
+    from service.settings import ServiceSettings
+    from worker.settings import WorkerSettings
+
+    names = {f"SILHOUETTE_{name.upper()}" for model in (ServiceSettings, WorkerSettings) for name in model.model_fields}
+    assert set(re.findall(r"`(SILHOUETTE_[A-Z_]+)`", (DOCS / "settings.md").read_text())) <= names
+
+
+def test_every_error_code_class_is_documented():
+    text = (DOCS / "api.md").read_text()
+    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.SilhouetteError)]
+    private = {errors.SilhouetteError, errors.CancelledError}
+    assert [kind.code for kind in kinds if kind not in private and f"`{kind.code}`" not in text] == []
+
+
+@pytest.mark.parametrize("page", sorted(p.name for p in [*DOCS.glob("*.md"), ROOT / "README.md"]))
+def test_links_and_pictures_of_the_documentation_exist(page):
+    path = ROOT / page if page == "README.md" else DOCS / page
+    targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", path.read_text())
+    assert [t for t in targets if not (path.parent / t).exists()] == []
+
+
+@pytest.mark.parametrize("target", ["setup", "demo", "test", "bench", "check", "serve"])
+def test_make_targets_named_in_the_readme_exist(target):
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
+    assert f"make {target}" in (ROOT / "README.md").read_text()
+
+
+def test_command_help_teaches_every_command():
+    top = subprocess.run([sys.executable, "-m", "client.cli", "--help"], capture_output=True, text=True, check=True).stdout
+    for command in ("serve", "worker", "demo", "upload", "render", "silhouette"):
+        assert command in top
