@@ -1,0 +1,135 @@
+"""Stage "load": hostile bytes in, a clean indexed mesh in the normalised frame out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.topology import EdgeTable, NotManifoldError, build_edges, face_components, vertex_normals
+from schemas.conventions import F4, I4, Array, Frame
+from schemas.mesh import Capability, MeshStats, PreprocessOptions
+from worker.loading.faults import rejected
+from worker.loading.limits import LoadLimits
+from worker.loading.parse import Parsed
+from worker.loading.sandbox import parse_limited
+from worker.loading.sniff import normal_extension
+from worker.loading.surface import Surface
+from worker.loading.weld import drop_collapsed, drop_duplicates, weld
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class LoadedMesh:
+    """A mesh ready for the later stages.
+
+    positions (v, 3) f4 normalised; faces (f, 3) i4; normals (v, 3) f4 unit; edges: the edge table, or None where the mesh is
+    not closed and oriented; appearance: the tensors of artifacts.APPEARANCE, or None where the file has no colour; repairs:
+    what loading changed, as plain JSON.
+    """
+
+    frame: Frame
+    positions: F4
+    faces: I4
+    normals: F4
+    edges: EdgeTable | None
+    appearance: dict[str, Array] | None
+    stats: MeshStats
+    clip: Capability
+    repairs: dict[str, Any]
+
+
+def _silent(_: float) -> None:
+    return None
+
+
+def load_mesh(
+    path: Path, extension: str, options: PreprocessOptions, limits: LoadLimits = LoadLimits(), progress: Progress = _silent
+) -> LoadedMesh:
+    """Load an upload of the format its extension names.
+
+    Raises UnknownFormatError, MeshRejectedError (its code is one of `worker.loading.faults.CODES`) or TooLargeError.
+    """
+    kind = normal_extension(extension)
+    progress(0.0)
+    parsed = parse_limited(path, kind, limits)
+    progress(0.5)
+    return build(parsed, options, progress)
+
+
+def build(parsed: Parsed, options: PreprocessOptions, progress: Progress = _silent) -> LoadedMesh:
+    """The mesh of a parsed file: everything after parsing. Raises MeshRejectedError."""
+    repairs: dict[str, Any] = dict(parsed.notes)
+    frame, surface = _framed(parsed, repairs)
+    surface, _ = surface.compact()
+    faces = np.ascontiguousarray(surface.faces, np.int32)
+    try:
+        edges, clip = build_edges(faces), Capability(available=True)
+    except NotManifoldError:
+        edges, clip = None, Capability(available=False, reason="the surface is not closed")
+    progress(1.0)
+    stats = _stats(frame, surface.positions, faces, edges)
+    return LoadedMesh(
+        frame,
+        surface.positions,
+        faces,
+        vertex_normals(surface.positions, faces),
+        edges,
+        _appearance(parsed, surface.corners),
+        stats,
+        clip,
+        repairs,
+    )
+
+
+def _framed(parsed: Parsed, repairs: dict[str, Any]) -> tuple[Frame, Surface]:
+    used = np.zeros(len(parsed.positions), bool)
+    used[parsed.faces] = True
+    points = parsed.positions[used]
+    try:
+        with np.errstate(over="ignore"):
+            frame = Frame.around(points)
+    except ValueError:
+        raise rejected("no-extent", "All vertices of the mesh are at the same point.") from None
+    if not np.isfinite(frame.scale):
+        raise rejected("non-finite-vertices", "The coordinates of the mesh are too large.")
+    normalised = frame.to_normalised(points).astype(np.float32)
+    kept, number = weld(normalised)
+    index = np.cumsum(used) - 1
+    corners = np.arange(3 * len(parsed.faces)).reshape(-1, 3)
+    surface = Surface(normalised[kept], number[index[parsed.faces]], corners)
+    repairs["removed_unreferenced_vertices"] = int(len(used) - used.sum())
+    repairs["welded_vertices"] = len(points) - len(kept)
+    surface, repairs["dropped_collapsed_faces"] = drop_collapsed(surface)
+    if not len(surface.faces):
+        raise rejected("no-faces", "No face of the mesh has three different corners.")
+    surface, repairs["dropped_duplicate_faces"] = drop_duplicates(surface)
+    return frame, surface
+
+
+def _appearance(parsed: Parsed, corners: Array) -> dict[str, Array] | None:
+    if not parsed.appearance:
+        return None
+    taken: dict[str, Array] = {}
+    for name, tensor in parsed.appearance.items():
+        flat = tensor.reshape(-1, tensor.shape[-1]) if name.startswith("corner") else tensor
+        taken[name] = np.ascontiguousarray(flat[corners] if name.startswith("corner") else flat)
+    return taken
+
+
+def _stats(frame: Frame, positions: F4, faces: I4, edges: EdgeTable | None) -> MeshStats:
+    _, components = face_components(faces, len(positions))
+    model = frame.to_model(positions)
+    return MeshStats(
+        vertices=len(positions),
+        faces=len(faces),
+        edges=len(edges.vertices) if edges else 0,
+        components=int(components),
+        closed=edges is not None,
+        oriented=edges is not None,
+        bounds=[model.min(axis=0).tolist(), model.max(axis=0).tolist()],
+    )

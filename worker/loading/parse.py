@@ -1,0 +1,168 @@
+"""Checked bytes to plain arrays, through trimesh's readers. Runs only in the limited child."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from schemas.conventions import F8, Array
+from schemas.errors import SilhouetteError, TooLargeError
+from worker.loading import sniff
+from worker.loading.faults import parse_failed, rejected
+from worker.loading.headers import glb, ply
+from worker.loading.limits import LoadLimits
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One geometry of a file in place: vertices (v, 3) f8 model units, faces (f, 3) i8; `raw` is what the reader gave."""
+
+    vertices: F8
+    faces: Array
+    raw: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """A file as arrays: positions (v, 3) f8 model units, faces (f, 3) i4, and what artifacts.APPEARANCE holds, or nothing."""
+
+    positions: F8
+    faces: Array
+    appearance: dict[str, Array]
+    notes: dict[str, Any] = field(default_factory=dict)
+
+
+def parse(extension: str, data: bytes, limits: LoadLimits) -> Parsed:
+    """Read bytes of a known format.
+
+    Raises MeshRejectedError for what is wrong in them and TooLargeError beyond the limits.
+    """
+    sniff.check(extension, data, limits)
+    from worker.loading.colors import collect
+
+    kind = sniff.normal_extension(extension)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        # numpy stops at the first word that is no number and only warns
+        warnings.filterwarnings("error", message=".*string or file could not be read to its end.*")
+        try:
+            raw = _read(kind, data)
+            pieces = [p for p in _pieces(raw, limits) if len(p.faces)]
+        except (SilhouetteError, MemoryError):
+            raise
+        except Exception as error:
+            if isinstance(error, IndexError) and kind == "obj":
+                raise rejected("index-out-of-range", "A face of the OBJ file names a vertex that does not exist.") from None
+            raise parse_failed(kind.upper()) from None
+        if not pieces:
+            raise rejected("no-faces", "The file has no faces.")
+        appearance, notes = collect(pieces, kind, limits)
+    starts = np.cumsum([0] + [len(p.vertices) for p in pieces])
+    positions = np.concatenate([p.vertices for p in pieces])
+    faces = np.concatenate([p.faces + start for p, start in zip(pieces, starts, strict=False)])
+    return Parsed(positions, faces.astype(np.int32), appearance, notes | _references(kind, data))
+
+
+def _read(kind: str, data: bytes) -> dict[str, Any]:
+    """The reader's own description: one geometry, or {"geometry": {name: ...}, "graph": [...]}."""
+    from trimesh.exchange import load, stl
+    from trimesh.exchange import ply as ply_reader
+
+    stream = io.BytesIO(data)
+    if kind == "stl":
+        return stl.load_stl(stream)
+    if kind == "ply":
+        return _read_ply(ply_reader.load_ply(stream, resolver=None, skip_materials=True), ply.read_header(data))
+    return load.mesh_loaders[kind](file_obj=stream, file_type=kind, resolver=None)
+
+
+def _read_ply(raw: dict[str, Any], header: ply.Header) -> dict[str, Any]:
+    """The reader turns a file of triangle strips into points; the strips are decoded here."""
+    if raw.get("faces") is None and "tristrips" in header.elements:
+        data = raw["metadata"]["_ply_raw"]["tristrips"]["data"]
+        rows = data["vertex_indices"] if "vertex_indices" in (data.dtype.names or ()) else data
+        rows = rows["f1"] if getattr(rows, "dtype", None) is not None and rows.dtype.names else rows
+        raw["faces"] = np.concatenate([_strip_faces(np.asarray(row, np.int64).ravel()) for row in rows])
+    elif raw.get("faces") is not None and len(raw["faces"]) < header.elements["face"].count:
+        short = header.elements["face"].count - len(raw["faces"])
+        raise rejected("parse-failed", f"{short} faces of the PLY file have fewer than three corners.", faces=short)
+    return raw
+
+
+def _strip_faces(strip: Array) -> Array:
+    """(f, 3) i8 faces of triangle strips that -1 separates; every second triangle of a strip is turned round."""
+    cut = strip < 0
+    start = np.maximum.accumulate(np.where(cut, np.arange(len(strip)) + 1, 0))
+    faces = np.column_stack([strip[:-2], strip[1:-1], strip[2:]])
+    odd = (np.arange(len(faces)) - start[: len(faces)]) % 2 == 1
+    faces[odd] = faces[odd][:, [1, 0, 2]]
+    return faces[~(cut[:-2] | cut[1:-1] | cut[2:])]
+
+
+def _pieces(raw: dict[str, Any], limits: LoadLimits) -> list[Piece]:
+    from trimesh.scene.transforms import SceneGraph
+
+    if "geometry" not in raw:
+        return [_piece(raw, np.eye(4), limits)]
+    if not raw.get("graph"):
+        return [_piece(g, np.eye(4), limits) for g in raw["geometry"].values()]
+    graph = SceneGraph(base_frame=raw.get("base_frame", "world"))
+    for edge in raw["graph"]:
+        graph.update(**edge)
+    pieces, faces = [], 0
+    for node in graph.nodes_geometry:
+        matrix, name = graph.get(node)
+        if raw["geometry"][name].get("faces") is None:
+            continue
+        pieces.append(_piece(raw["geometry"][name], matrix, limits))
+        faces += len(pieces[-1].faces)
+        _cap(faces, "faces", limits.max_faces)
+    return pieces
+
+
+def _piece(raw: dict[str, Any], matrix: F8, limits: LoadLimits) -> Piece:
+    faces = raw.get("faces")
+    vertices = np.asarray(raw["vertices"], np.float64).reshape(-1, 3)
+    if faces is None or not len(faces):
+        return Piece(vertices, np.zeros((0, 3), np.int64), raw)
+    faces = np.asarray(faces).astype(np.int64).reshape(-1, 3)
+    _cap(len(vertices), "vertices", limits.max_vertices)
+    _cap(len(faces), "faces", limits.max_faces)
+    bad = np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))
+    if len(bad):
+        raise rejected(
+            "index-out-of-range", f"Face {bad[0]} names a vertex that does not exist; there are {len(vertices)}.", face=int(bad[0])
+        )
+    if not np.array_equal(matrix, np.eye(4)):
+        with np.errstate(all="ignore"):
+            vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+            mirrored = np.linalg.det(matrix[:3, :3]) < 0.0
+        faces = faces[:, ::-1] if mirrored else faces
+    used = np.zeros(len(vertices), bool)
+    used[faces] = True
+    wrong = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
+    if len(wrong):
+        raise rejected("non-finite-vertices", f"Vertex {wrong[0]} has a coordinate that is not finite.", vertex=int(wrong[0]))
+    vertices = np.where(used[:, None], vertices, 0.0) if not np.isfinite(vertices).all() else vertices
+    return Piece(vertices, faces, raw)
+
+
+def _cap(count: int, what: str, limit: int) -> None:
+    if count > limit:
+        raise TooLargeError(f"The mesh has {count} {what}; {limit} are allowed.", limit=limit, count=count)
+
+
+def _references(kind: str, data: bytes) -> dict[str, Any]:
+    """Notes on files the upload names: they are not there, and nothing is looked up."""
+    if kind == "obj" and re.search(rb"^[ \t]*mtllib\s", data, re.MULTILINE):
+        return {"ignored_references": "the material library of the OBJ file is not part of the upload"}
+    if kind == "ply" and b"TextureFile" in data[: ply.MAX_HEADER]:
+        return {"ignored_references": "the texture of the PLY file is not part of the upload"}
+    if kind == "glb" and glb.external_images(data):
+        return {"ignored_references": "images of the GLB file are not part of the upload"}
+    return {}

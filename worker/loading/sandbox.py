@@ -1,0 +1,130 @@
+"""The parent's side of parsing: start the limited child, wait no longer than allowed, believe nothing it says unchecked."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+
+import worker
+from schemas.conventions import Array
+from schemas.errors import SilhouetteError, TooLargeError
+from worker.loading.child import REPORT, RESULT
+from worker.loading.faults import from_report, parse_failed, rejected
+from worker.loading.limits import LoadLimits
+from worker.loading.parse import Parsed
+
+MAX_REPORT = 1 << 16
+_SHAPES: dict[str, tuple[str, tuple[int | str, ...]]] = {
+    "positions": ("<f8", ("n", 3)),
+    "faces": ("<i4", ("f", 3)),
+    "corner_color": ("|u1", ("f", 3, 4)),
+    "corner_uv": ("<f4", ("f", 3, 2)),
+    "texture": ("|u1", ("h", "w", 4)),
+}
+
+
+def parse_limited(path: Path, extension: str, limits: LoadLimits) -> Parsed:
+    """Parse an upload in a child process of its own.
+
+    Raises MeshRejectedError, UnknownFormatError or TooLargeError; nothing of the child is left behind.
+    """
+    with tempfile.TemporaryDirectory(prefix="silhouette-load-") as folder, path.open("rb") as upload:
+        child = _start(extension, limits, folder, upload)
+        try:
+            status = child.wait(timeout=limits.wall_s)
+        except subprocess.TimeoutExpired:
+            raise rejected("time-limit", f"Reading the mesh takes longer than the {limits.wall_s:g} s that are allowed.") from None
+        finally:
+            _end(child)
+        return _collect(Path(folder), status, limits)
+
+
+def _start(extension: str, limits: LoadLimits, folder: str, upload: Any) -> subprocess.Popen[bytes]:
+    root = str(Path(worker.__file__).resolve().parents[1])
+    environment = {"PYTHONPATH": root, "PATH": os.defpath, "LC_ALL": "C.UTF-8", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(
+        [sys.executable, "-s", "-P", "-m", "worker.loading.child", extension, json.dumps(limits.as_dict()), str(os.getpid())],
+        stdin=upload,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        cwd=folder,
+        env=environment,
+        start_new_session=True,
+    )
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """Kill what is left of the child's session, and reap it."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    child.wait()
+
+
+def _collect(folder: Path, status: int, limits: LoadLimits) -> Parsed:
+    if status:
+        raise _death(status, limits)
+    report = _report(folder / REPORT)
+    if "code" in report:
+        raise from_report(str(report["code"]), report.get("message", ""), report.get("where") or {})
+    tensors = _tensors(folder / RESULT, limits)
+    notes = report.get("notes", {})
+    positions, faces = tensors.pop("positions"), tensors.pop("faces")
+    return Parsed(positions, faces, tensors, notes if isinstance(notes, dict) else {})
+
+
+def _death(status: int, limits: LoadLimits) -> SilhouetteError:
+    if status == -signal.SIGXCPU:
+        return rejected("time-limit", f"Reading the mesh takes more than the {limits.cpu_s} s of processor time that are allowed.")
+    if status in (-signal.SIGKILL, -signal.SIGXFSZ):
+        # past its soft limit the kernel sends SIGKILL for processor time too, but only a second later than SIGXCPU
+        return rejected("out-of-memory", "Reading the mesh took too much memory.")
+    return rejected("parser-crashed", "Reading the mesh brought its reader down.")
+
+
+def _report(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            report = json.loads(file.read(MAX_REPORT))
+    except (OSError, ValueError, RecursionError):
+        raise rejected("parser-crashed", "Reading the mesh ended without a result.") from None
+    if not isinstance(report, dict) or not isinstance(report.get("where", {}), dict):
+        raise rejected("parser-crashed", "Reading the mesh ended without a result.")
+    return report
+
+
+def _tensors(path: Path, limits: LoadLimits) -> dict[str, Array]:
+    """The child's arrays, each of the type and shape it must have, finite, with indices in range and within the caps."""
+    try:
+        tensors = safetensors.numpy.load_file(path)
+    except Exception:
+        raise parse_failed("a mesh") from None
+    bound: dict[str, int] = {}
+    if not {"positions", "faces"} <= tensors.keys() <= _SHAPES.keys():
+        raise parse_failed("a mesh")
+    for name, array in tensors.items():
+        dtype, shape = _SHAPES[name]
+        if array.dtype != np.dtype(dtype) or array.ndim != len(shape):
+            raise parse_failed("a mesh")
+        if any(
+            size != (dim if isinstance(dim, int) else bound.setdefault(dim, size)) for dim, size in zip(shape, array.shape, strict=True)
+        ):
+            raise parse_failed("a mesh")
+    positions, faces = tensors["positions"], tensors["faces"]
+    if len(faces) > limits.max_faces or len(positions) > limits.max_vertices * 2:
+        raise TooLargeError(f"The mesh has {len(faces)} faces; {limits.max_faces} are allowed.", limit=limits.max_faces)
+    sound = np.isfinite(positions).all() and len(faces) and faces.min() >= 0 and faces.max() < len(positions)
+    if not sound or ("corner_uv" in tensors) != ("texture" in tensors):
+        raise parse_failed("a mesh")
+    if "corner_uv" in tensors and not (np.isfinite(tensors["corner_uv"]).all() and tensors["texture"].size):
+        raise parse_failed("a mesh")
+    return tensors
