@@ -35,9 +35,9 @@ class View:
 
     eye: (4,) f8 homogeneous in the normalised frame (`schemas.conventions`). matrix: (4, 4) f8, clip from normalised, for
     column vectors and OpenGL clip space (-w <= x, y, z <= w, y up). view: (4, 4) f8, camera from normalised: a rotation and a
-    shift. width, height: pixels. near, far: depths in normalised units along the viewing direction, 0 < near < far (equal when the eye is so far
-    away that float64 cannot tell them apart; the matrix can).
-    pixel_scale: pixels one normalised unit covers, at depth one (perspective) or at every depth (orthographic).
+    shift. width, height: pixels. near, far: depths in normalised units along the viewing direction, 0 < near < far (equal
+    when the eye is so far away that float64 cannot tell them apart; the matrix can). pixel_scale: pixels one normalised unit
+    covers, at depth one (perspective) or at every depth (orthographic).
     """
 
     eye: F8
