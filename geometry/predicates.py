@@ -51,15 +51,11 @@ def _add_minor_product(total, n, a, na, b, nb, c, nc, d, nd, f, nf):
     return ex.add(total, n, product, p)
 
 
-@njit(cache=True)
-def orient_sign(a, b, c, x, y, z, w):
-    """Exact sign of det[b - a, c - a, (x, y, z) - w a]: 1 when the point is outside the plane of the triangle.
-
-    a, b, c: (3,) f4 or f8, counter-clockwise seen from outside. (x, y, z, w): f8 homogeneous point, w 0 or 1.
-    """
-    ax, ay, az = np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
-    ux, uy, uz = np.float64(b[0]) - ax, np.float64(b[1]) - ay, np.float64(b[2]) - az
-    vx, vy, vz = np.float64(c[0]) - ax, np.float64(c[1]) - ay, np.float64(c[2]) - az
+@njit(cache=True, inline="always")
+def _filtered_sign(ax, ay, az, bx, by, bz, cx, cy, cz, x, y, z, w):
+    """Sign of det[b - a, c - a, (x, y, z) - w a] where f8 is sure of it, else 2."""
+    ux, uy, uz = bx - ax, by - ay, bz - az
+    vx, vy, vz = cx - ax, cy - ay, cz - az
     dx, dy, dz = x - w * ax, y - w * ay, z - w * az
     p0, p1 = uy * vz, uz * vy
     p2, p3 = uz * vx, ux * vz
@@ -71,14 +67,37 @@ def orient_sign(a, b, c, x, y, z, w):
         return 1
     if det < -bound:
         return -1
-    return _exact_orient(a, b, c, x, y, z, w)
+    return 2
+
+
+@njit(cache=True)
+def orient_sign(a, b, c, x, y, z, w):
+    """Exact sign of det[b - a, c - a, (x, y, z) - w a]: 1 when the point is outside the plane of the triangle.
+
+    a, b, c: (3,) f4 or f8, counter-clockwise seen from outside. (x, y, z, w): f8 homogeneous point, w 0 or 1.
+    """
+    sure = _filtered_sign(
+        np.float64(a[0]), np.float64(a[1]), np.float64(a[2]),
+        np.float64(b[0]), np.float64(b[1]), np.float64(b[2]),
+        np.float64(c[0]), np.float64(c[1]), np.float64(c[2]),
+        x, y, z, w,
+    )  # fmt: skip
+    return sure if sure != 2 else _exact_orient(a, b, c, x, y, z, w)
 
 
 @njit(cache=True)
 def is_front_facing(positions, faces, f, eye):
     """Whether face f is front-facing for eye (4,) f8: the point is on or outside the face's plane."""
     i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-    return orient_sign(positions[i], positions[j], positions[k], eye[0], eye[1], eye[2], eye[3]) >= 0
+    sure = _filtered_sign(
+        np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2]),
+        np.float64(positions[j, 0]), np.float64(positions[j, 1]), np.float64(positions[j, 2]),
+        np.float64(positions[k, 0]), np.float64(positions[k, 1]), np.float64(positions[k, 2]),
+        eye[0], eye[1], eye[2], eye[3],
+    )  # fmt: skip
+    if sure != 2:
+        return sure > 0
+    return _exact_orient(positions[i], positions[j], positions[k], eye[0], eye[1], eye[2], eye[3]) >= 0
 
 
 @njit(cache=True)
