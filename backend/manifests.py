@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+from pydantic import ValidationError
+
+from schemas.errors import CorruptArtifactError
 from schemas.jobs import STAGES
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability, HullInfo, MeshStats, Problem
@@ -15,7 +18,7 @@ def build_manifest(mesh_id: str, records: Mapping[str, StageRecord | None]) -> M
     """The manifest for the records of all stages, or of those that ended when one of them failed.
 
     Reports that it reads: `frame`, `stats`, `repairs` of load, `faces`, `volume_excess` of hull, and `capabilities` of any
-    stage, where a later stage overrides an earlier one.
+    stage, where a later stage overrides an earlier one. Raises CorruptArtifactError when a report cannot be read.
     """
     ended = [record for stage in STAGES if (record := records.get(stage)) is not None]
     failed = next((record for record in ended if record.outcome == "failed"), None)
@@ -43,9 +46,12 @@ def failed_record(stage: str, seconds: float, error: Problem) -> StageRecord:
 def _capabilities(records: list[StageRecord]) -> dict[str, Capability]:
     merged: dict[str, Capability] = {}
     for record in records:
-        merged |= {name: Capability.model_validate(value) for name, value in record.report.get("capabilities", {}).items()}
+        merged |= {name: _model(Capability, value) for name, value in record.report.get("capabilities", {}).items()}
     return merged
 
 
 def _model(model: type[Any], value: Any) -> Any:
-    return None if value is None else model.model_validate(value)
+    try:
+        return None if value is None else model.model_validate(value)
+    except ValidationError as error:
+        raise CorruptArtifactError("a stage's report is damaged") from error

@@ -24,6 +24,7 @@ from rq.serializers import JSONSerializer
 
 from backend import records
 from backend.manifests import build_manifest, failed_record
+from backend.problems import BROKEN, problem_of
 from backend.progress import Progress
 from backend.settings import BackendSettings
 from backend.store import Store
@@ -31,7 +32,6 @@ from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError
 from schemas.jobs import QUEUE, RUN_STAGE, STAGES
 from schemas.manifest import StageRecord
-from schemas.mesh import Problem
 
 log = logging.getLogger(__name__)
 
@@ -39,13 +39,6 @@ SOCKET_TIMEOUT_S = 15.0  # longer than a worker's blocking wait for a job
 MAINTENANCE_LOCK_S = 10  # a killed worker must not keep the others from maintenance for long
 RESULT_S = 60
 RECONCILE_LOCK = "silhouette:reconciling"
-GAVE_UP = Problem(
-    type="/problems/stage-failed",
-    title="Preprocessing failed",
-    status=422,
-    detail="The stage did not end well however often it was started.",
-    code="stage-failed",
-)
 
 
 def connect(url: str) -> redis.Redis:
@@ -167,7 +160,7 @@ class JobQueue:
     def _give_up(self, mesh_id: str, stage: str) -> None:
         with contextlib.suppress(CancelledError), records.publishing(self.store, mesh_id):
             if records.read_stage(self.store, mesh_id, stage) is None:
-                records.write_stage(self.store, mesh_id, failed_record(stage, 0.0, GAVE_UP))
+                records.write_stage(self.store, mesh_id, failed_record(stage, 0.0, problem_of(BROKEN)))
         self.advance(mesh_id)
 
     def _enqueue(self, mesh_id: str, stage: str) -> _JobState:

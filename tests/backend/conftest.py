@@ -1,0 +1,46 @@
+import ctypes
+
+import pytest
+
+from backend.queue import JobQueue, connect
+from backend.store import Store
+from service.embedded import EmbeddedBackend
+
+
+@pytest.fixture(scope="session")
+def redis_url(tmp_path_factory):
+    """A real private server without workers."""
+    backend = EmbeddedBackend(tmp_path_factory.mktemp("embedded"), worker_count=0)
+    backend.start()
+    yield backend.redis_url
+    backend.stop()
+
+
+@pytest.fixture
+def connection(redis_url):
+    connection = connect(redis_url)
+    connection.flushall()
+    yield connection
+    connection.close()
+
+
+@pytest.fixture
+def store(tmp_path):
+    return Store(tmp_path / "store")
+
+
+@pytest.fixture
+def queue(connection, store):
+    return JobQueue(connection, store)
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 1 MiB, to be filled for real."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    mount = tmp_path / "small"
+    mount.mkdir()
+    if libc.mount(b"tmpfs", bytes(mount), b"tmpfs", 0, b"size=1m") != 0:
+        pytest.skip("may not mount a small file system here")
+    yield mount
+    libc.umount2(bytes(mount), 2)
