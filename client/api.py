@@ -1,0 +1,210 @@
+"""A silhouette service from Python.
+
+with Client("http://127.0.0.1:8000") as client:
+    mesh = client.wait(client.upload("bunny.ply").id)
+    Path("bunny.png").write_bytes(client.render(mesh.id, camera={"orbit": {"azimuth_deg": 40}}))
+    edges = client.silhouette(mesh.id)["edges"]
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+from pydantic_core import to_jsonable_python
+
+from client.errors import MeshFailedError, UnreachableError, error_of
+from schemas.mesh import MeshInfo, MeshPage, MeshStatus, Problem
+from schemas.render import ImageFormat
+
+DEFAULT_URL = "http://127.0.0.1:8000"
+CHUNK_BYTES = 1 << 18
+SILHOUETTE_TYPES = {"json": "application/json", "svg": "image/svg+xml", "binary": "application/octet-stream"}
+
+UploadProgress = Callable[[int, int], None]
+"""Called with (bytes sent, bytes in all)."""
+
+WaitProgress = Callable[[MeshInfo], None]
+"""Called with each change of the mesh."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A rendered picture and what the service says of it.
+
+    body: encoded bytes. passes: (name, milliseconds) in order, encoding last. plan: the passes that ran. accuracy: rung and error.
+    """
+
+    body: bytes
+    media_type: str
+    passes: tuple[tuple[str, float], ...]
+    plan: str
+    accuracy: str
+
+    @property
+    def frame_ms(self) -> float:
+        """Milliseconds from camera to pixels, encoding apart."""
+        return sum(ms for name, ms in self.passes if name != "encode")
+
+
+class Client:
+    """Talks to one service. Every call raises a `client.errors.ServiceError` when it does not succeed."""
+
+    def __init__(self, base_url: str = DEFAULT_URL, timeout_s: float = 60.0) -> None:
+        self.base_url = base_url.rstrip("/")
+        self._http = httpx.Client(base_url=self.base_url, timeout=httpx.Timeout(timeout_s, connect=5.0))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def upload(self, path: str | Path, *, name: str | None = None, on_progress: UploadProgress | None = None, **options: Any) -> MeshInfo:
+        """Upload a file; `options` are those of `schemas.mesh.PreprocessOptions`. Returns at once, with the mesh queued."""
+        path = Path(path)
+        size = path.stat().st_size
+        headers = {"Content-Type": "application/octet-stream", "Content-Length": str(size)}
+        query = {"name": name or path.name, **options}
+        answer = self._send("POST", "/v1/meshes", params=query, content=_chunks(path, size, on_progress), headers=headers)
+        return MeshInfo.model_validate_json(answer.content)
+
+    def wait(self, mesh_id: str, *, on_progress: WaitProgress | None = None, timeout_s: float = 3600.0) -> MeshInfo:
+        """Return when the mesh is ready. Raises MeshFailedError when it failed, TimeoutError when the time is up."""
+        deadline = time.monotonic() + timeout_s
+        info = self.info(mesh_id)
+        if on_progress:
+            on_progress(info)
+        while info.status in (MeshStatus.QUEUED, MeshStatus.PROCESSING):
+            for change in self._events(mesh_id):
+                if change is not None:
+                    info = change
+                    if on_progress:
+                        on_progress(info)
+                if time.monotonic() > deadline:
+                    raise TimeoutError(f"{info.name} was not ready after {timeout_s:g} seconds")
+        if info.status is MeshStatus.FAILED:
+            raise MeshFailedError(info.error or Problem(title="Failed", status=422, detail="The mesh could not be processed."))
+        return info
+
+    def info(self, mesh_id: str) -> MeshInfo:
+        """Everything the service says of a mesh."""
+        return MeshInfo.model_validate_json(self._send("GET", f"/v1/meshes/{mesh_id}").content)
+
+    def list(self, limit: int | None = None) -> Iterator[MeshInfo]:
+        """Meshes, newest first, page by page as they are taken; at most `limit`."""
+        link: str | None = f"/v1/meshes?limit={min(limit or 100, 100)}"
+        left = limit
+        while link is not None and left != 0:
+            page = MeshPage.model_validate_json(self._send("GET", link).content)
+            taken = page.meshes[:left]
+            yield from taken
+            left = None if left is None else left - len(taken)
+            link = page.next
+
+    def delete(self, mesh_id: str) -> None:
+        """Remove a mesh and everything made from it."""
+        self._send("DELETE", f"/v1/meshes/{mesh_id}")
+
+    def render(self, mesh_id: str, **fields: Any) -> bytes:
+        """An encoded picture, PNG unless `format` says otherwise; `fields` are those of `schemas.render.RenderRequest`."""
+        return self.picture(mesh_id, **fields).body
+
+    def picture(self, mesh_id: str, **fields: Any) -> Picture:
+        """A picture with its timings, plan and accuracy."""
+        answer = self._send("POST", f"/v1/meshes/{mesh_id}/render", json=_body({"format": ImageFormat.PNG, **fields}))
+        headers = answer.headers
+        return Picture(
+            answer.content,
+            headers.get("Content-Type", ""),
+            _passes(headers.get("Server-Timing", "")),
+            headers.get("X-Plan", ""),
+            headers.get("X-Accuracy", ""),
+        )
+
+    def thumbnail(self, mesh_id: str, size: int = 256, suffix: str = "png") -> bytes:
+        """A fitted three-quarter view; suffix png, webp or jpg."""
+        return self._send("GET", f"/v1/meshes/{mesh_id}/thumbnail.{suffix}", params={"size": size}).content
+
+    def silhouette(self, mesh_id: str, **fields: Any) -> dict[str, Any]:
+        """The silhouette as `schemas.render.Silhouette` describes it; `fields` are those of `schemas.render.SilhouetteRequest`."""
+        return dict(json.loads(self.silhouette_document(mesh_id, "json", **fields)))
+
+    def silhouette_document(self, mesh_id: str, form: str = "svg", **fields: Any) -> bytes:
+        """The silhouette as a document: form json, svg or binary."""
+        headers = {"Accept": SILHOUETTE_TYPES[form]}
+        return self._send("POST", f"/v1/meshes/{mesh_id}/silhouette", json=_body(fields), headers=headers).content
+
+    def download(self, mesh_id: str, artifact: str = "hull.glb") -> bytes:
+        """A file made from the mesh: hull.glb, normal.png or color.png."""
+        return self._send("GET", f"/v1/meshes/{mesh_id}/artifacts/{artifact}").content
+
+    def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:
+        with self._reaching():
+            answer = self._http.request(method, path, **arguments)
+        if answer.is_error:
+            raise error_of(answer)
+        return answer
+
+    def _events(self, mesh_id: str) -> Iterator[MeshInfo | None]:
+        """The mesh at each change, None at each sign of life, until it is ready or failed. Raises NotFoundError when deleted."""
+        with self._reaching(), self._http.stream("GET", f"/v1/meshes/{mesh_id}/events") as answer:
+            if answer.is_error:
+                answer.read()
+                raise error_of(answer)
+            for line in answer.iter_lines():
+                if line.startswith('data: {"id"'):
+                    yield MeshInfo.model_validate_json(line.removeprefix("data: "))
+                elif line == "event: deleted":
+                    self.info(mesh_id)
+                elif line.startswith(":"):
+                    yield None
+
+    @contextmanager
+    def _reaching(self) -> Iterator[None]:
+        try:
+            yield
+        except httpx.ConnectError:
+            raise UnreachableError(self.base_url, "the connection was refused") from None
+        except httpx.TimeoutException:
+            raise UnreachableError(self.base_url, "it took too long") from None
+        except httpx.TransportError:
+            raise UnreachableError(self.base_url, "the connection broke") from None
+        except httpx.InvalidURL:
+            raise UnreachableError(self.base_url, "that is no address") from None
+
+
+def _body(fields: dict[str, Any]) -> Any:
+    """Fields as JSON; models of `schemas` may stand in them. The service checks them, and its word counts."""
+    return to_jsonable_python(fields, exclude_none=True)
+
+
+def _chunks(path: Path, size: int, on_progress: UploadProgress | None) -> Iterator[bytes]:
+    sent = 0
+    with path.open("rb") as file:
+        while chunk := file.read(CHUNK_BYTES):
+            yield chunk
+            sent += len(chunk)
+            if on_progress:
+                on_progress(sent, size)
+
+
+def _passes(header: str) -> tuple[tuple[str, float], ...]:
+    """`a;dur=1.5, b;dur=2` -> (("a", 1.5), ("b", 2.0))."""
+    found = []
+    for entry in header.split(","):
+        name, _, rest = entry.strip().partition(";")
+        if rest.startswith("dur="):
+            found.append((name, float(rest.removeprefix("dur="))))
+    return tuple(found)
