@@ -1,0 +1,80 @@
+"""`python -m worker`: take preprocessing jobs off the queue until told to stop."""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+
+import redis
+
+from backend import records
+from backend.logs import configure_logs
+from backend.queue import JobQueue
+from worker import jobs as stage_jobs
+from worker.process import StageWorker, die_with_parent
+from worker.settings import WorkerSettings
+from worker.warm import warm_kernels
+
+log = logging.getLogger("silhouette.worker")
+
+CONNECT_S = 30.0
+
+
+def main() -> int:
+    """Run one worker; the exit status. Redis errors end it: whoever keeps it running starts it again."""
+    settings = WorkerSettings()
+    configure_logs("worker", settings.log_level)
+    log.info("stages: %s", ", ".join(stage_jobs.STAGE_FUNCTIONS))
+    jobs = JobQueue.open(settings)
+    if not wait_for_redis(jobs.redis):
+        log.error("the queue does not answer")
+        return 1
+    if settings.warm_kernels:
+        warm_in_background(settings.data_dir)
+    records.sweep(jobs.store, settings.temporary_age_s)
+    StageWorker(jobs, settings).work()
+    return 0
+
+
+def wait_for_redis(connection: redis.Redis) -> bool:
+    """Whether the server answers in time; it may start together with this process."""
+    deadline = time.monotonic() + CONNECT_S
+    while time.monotonic() < deadline:
+        try:
+            connection.ping()
+        except redis.RedisError:
+            time.sleep(0.1)
+        else:
+            return True
+    return False
+
+
+def warm_in_background(data_dir: Path) -> None:
+    """Compile the kernels in a child, so that this process starts no threads that a fork would lose. One worker does it."""
+    child = os.fork()
+    if child:
+        threading.Thread(target=os.waitpid, args=(child, 0), name="warm", daemon=True).start()
+        return
+    status = 1
+    try:
+        die_with_parent()
+        os.nice(10)
+        with (data_dir / "warming").open("ab") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            warm_kernels()
+        status = 0
+    except BlockingIOError:
+        status = 0
+    except BaseException:
+        log.exception("kernels not warmed")
+    finally:
+        os._exit(status)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,124 @@
+"""The preprocessing: which function does which stage, and what becomes of its result.
+
+    load -> hull -> bake -> verify
+         -> tree ---------/
+
+Their order is `schemas.jobs.STAGES`. A stage reads its inputs from the store, calls one pure function and hands back what to
+keep (`worker.stages`). Here that is published, all of it or nothing, with the stage's record last; then the queue looks what
+is due next.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+from rq.timeouts import JobTimeoutException
+
+from backend import records
+from backend.artifacts import identity_of, write_artifact
+from backend.manifests import failed_record
+from backend.problems import problem_of
+from backend.queue import JobQueue
+from backend.store import Store
+from schemas import keys
+from schemas.errors import CancelledError, SilhouetteError, StageFailedError, StorageFullError
+from schemas.manifest import StageRecord
+from worker import stages
+from worker.settings import WorkerSettings
+from worker.stages import Inputs, Result
+
+log = logging.getLogger("silhouette.jobs")
+
+STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result]] = {
+    "load": stages.load,
+    "hull": stages.hull,
+    "bake": stages.bake,
+    "tree": stages.tree,
+    "verify": stages.verify,
+}
+
+KIB_PER_MIB = 1024
+
+
+def run_stage(mesh_id: str, stage: str) -> None:
+    """Run one stage of a mesh and bring the mesh forward: what the queue calls, in a process of its own.
+
+    A fault of the mesh ends the mesh; any other exception goes to the queue, which tries again.
+    """
+    jobs = JobQueue.open(WorkerSettings())
+    jobs.progress.report(mesh_id, stage, 0.0)
+    try:
+        if records.read_stage(jobs.store, mesh_id, stage) is None:
+            run_and_record(jobs, mesh_id, stage)
+    except CancelledError:
+        log.info("stopped: the mesh is gone", extra={"mesh": mesh_id, "stage": stage})
+        return
+    except StorageFullError:  # the reconciler starts the stage again, until there is room
+        log.exception("no room", extra={"mesh": mesh_id, "stage": stage})
+        return
+    jobs.progress.report(mesh_id, stage, 1.0)
+    jobs.advance(mesh_id)
+
+
+def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord:
+    """Run one stage and publish its result with its record. Raises CancelledError, StorageFullError, and what is nobody's fault."""
+    started = time.perf_counter()
+    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction))
+    try:
+        inputs.progress(0.0)
+        result = STAGE_FUNCTIONS[stage](inputs)
+        with records.publishing(jobs.store, mesh_id):
+            record = StageRecord(
+                stage=stage,
+                outcome="skipped" if result.skipped else "done",
+                artifacts=publish(jobs.store, mesh_id, stage, result),
+                report=result.report,
+                seconds=time.perf_counter() - started,
+                peak_mib=peak_mib(),
+            )
+            records.write_stage(jobs.store, mesh_id, record)
+    except (CancelledError, StorageFullError):
+        raise
+    except (SilhouetteError, MemoryError, JobTimeoutException) as error:
+        record = failed_record(stage, time.perf_counter() - started, problem_of(fault_of(error)))
+        log.warning("stage failed: %s", error, extra={"mesh": mesh_id, "stage": stage}, exc_info=True)
+        with records.publishing(jobs.store, mesh_id):
+            records.write_stage(jobs.store, mesh_id, record)
+    log.info("stage %s", record.outcome, extra={"mesh": mesh_id, "stage": stage, "seconds": round(record.seconds, 3)})
+    return record
+
+
+def publish(store: Store, mesh_id: str, stage: str, result: Result) -> dict[str, str]:
+    """Write a stage's artifacts and downloads; file name -> sha256 of the contents."""
+    digests = {}
+    for layout, tensors in result.artifacts:
+        digests[layout.file] = write_artifact(store, mesh_id, layout, tensors, identity_of(mesh_id, stage))
+    for name, data in result.downloads.items():
+        store.put_bytes(keys.artifact(mesh_id, name), data)
+        digests[name] = stages.sha256(data)
+    return digests
+
+
+def report(jobs: JobQueue, mesh_id: str, stage: str, fraction: float) -> None:
+    """Pass progress on. Raises CancelledError when the mesh is deleted, or has failed in another stage."""
+    if not records.is_accepted(jobs.store, mesh_id) or jobs.store.exists(keys.manifest(mesh_id)):
+        raise CancelledError("the mesh has been deleted or has failed", mesh=mesh_id)
+    jobs.progress.report(mesh_id, stage, fraction)
+
+
+def fault_of(error: Exception) -> SilhouetteError:
+    """What a mesh is told about an error that running again will not change."""
+    if isinstance(error, SilhouetteError):
+        return error
+    if isinstance(error, MemoryError):
+        return StageFailedError("The mesh needs more memory than a worker has.", code="out-of-memory")
+    return StageFailedError("The stage took longer than it may.", code="time-limit")
+
+
+def peak_mib() -> float:
+    """Most memory this process has had resident so far, MiB."""
+    with open("/proc/self/status") as status:  # noqa: PTH123
+        kib = next(int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
+    return round(kib / KIB_PER_MIB, 1)

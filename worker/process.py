@@ -1,0 +1,84 @@
+"""The worker process: takes one job at a time off the queue and runs it in a fork of itself.
+
+The times below make a killed worker's job run again after about 16 s (RQ's own: after minutes).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import logging
+import os
+import signal
+from typing import Any
+
+import redis
+from rq import Worker
+from rq.executions import Execution
+from rq.job import Job, JobStatus
+from rq.queue import Queue
+from rq.serializers import JSONSerializer
+
+from backend.queue import JobQueue, StageQueue
+from schemas.errors import SilhouetteError
+from worker.settings import WorkerSettings
+
+log = logging.getLogger("silhouette.worker")
+
+WORKER_TTL_S = 17  # RQ waits 15 s less for a job before it looks after abandoned ones
+MONITORING_S = 2
+MAINTENANCE_S = 2
+HEARTBEAT_TTL_S = 10  # RQ adds a minute to the rest of the job's time instead
+RECONNECT_S = 2.0
+PR_SET_PDEATHSIG = 1
+
+
+class StageWorker(Worker):
+    """A worker of the one queue; when idle it also compares the store with the queue."""
+
+    queue_class = StageQueue
+    max_connection_wait_time = RECONNECT_S
+
+    def __init__(self, jobs: JobQueue, settings: WorkerSettings) -> None:
+        self._jobs = jobs
+        self._settings = settings
+        super().__init__(
+            [jobs.queue],
+            connection=jobs.redis,
+            serializer=JSONSerializer,
+            worker_ttl=WORKER_TTL_S,
+            job_monitoring_interval=MONITORING_S,
+            maintenance_interval=MAINTENANCE_S,
+        )
+
+    def get_heartbeat_ttl(self, job: Job, working_time: float = 0.0) -> int:
+        """Seconds after which a job without a sign of life counts as abandoned."""
+        return HEARTBEAT_TTL_S
+
+    def run_maintenance_tasks(self) -> None:
+        """RQ's own, then enqueue what the store says is due."""
+        super().run_maintenance_tasks()
+        self._jobs.reconcile_in_turn(self._settings.reconcile_interval_s)
+
+    def main_work_horse(self, job: Job, queue: Queue) -> None:
+        """The forked child, which dies with its worker: else a job that is started again would run twice at once."""
+        die_with_parent()
+        super().main_work_horse(job, queue)
+
+    def handle_job_failure(
+        self, job: Job, queue: Queue, started_job_registry: Any = None, exc_string: str = "", execution: Execution | None = None
+    ) -> None:
+        """RQ's own; after the last attempt the mesh is told at once."""
+        super().handle_job_failure(job, queue, started_job_registry, exc_string, execution)
+        with contextlib.suppress(redis.RedisError, SilhouetteError):  # the reconciler will do it
+            if job.get_status() == JobStatus.FAILED:
+                self._jobs.advance(job.args[0])
+
+
+def die_with_parent() -> None:
+    """Ask the kernel to kill this process when the thread that made it ends."""
+    parent = os.getppid()
+    if ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), "prctl")
+    if os.getppid() != parent:
+        os._exit(1)

@@ -1,0 +1,216 @@
+"""The five stages, each as: inputs from the store, one pure function, what to keep.
+
+load    reports frame, stats, capabilities, repairs; keeps mesh, appearance
+hull    reports faces, volume_excess; keeps hull, hull_sequence
+bake    reports missed, texel_count, tile_side; keeps maps, hull.glb, normal.png, color.png
+tree    reports nodes; keeps tree
+verify  reports what was checked; keeps nothing
+
+A mesh that cannot be clipped has no use for hull, bake and tree.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from backend import records
+from backend.artifacts import open_artifact
+from backend.store import Store
+from schemas import artifacts, keys
+from schemas.artifacts import Layout
+from schemas.conventions import F4, I4, Frame
+from schemas.errors import CorruptArtifactError
+from schemas.manifest import Accepted
+from worker import downloads
+from worker.bake import Maps, bake_maps, hull_normals
+from worker.hull import build_hull
+from worker.load import load_mesh
+from worker.tree import Tree, build_tree
+from worker.verify import verify_artifacts
+
+log = logging.getLogger("silhouette.stages")
+
+Tensors = dict[str, npt.NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a stage made: artifacts and downloads to publish, and its report (plain JSON)."""
+
+    report: dict[str, Any] = field(default_factory=dict)
+    artifacts: list[tuple[Layout, Tensors]] = field(default_factory=list)
+    downloads: dict[str, bytes] = field(default_factory=dict)
+    skipped: bool = False
+
+
+SKIPPED = Result(skipped=True)
+CLIPPING_PARTS = frozenset({"hull", "maps", "tree"})
+"""Names by which `verify_artifacts` blames what only clipping needs."""
+
+
+class HullSurface(NamedTuple):
+    """positions (hv, 3) f4 and faces (hf, 3) i4 of a stored hull."""
+
+    positions: F4
+    faces: I4
+
+
+class Inputs:
+    """What a stage may read of its mesh. `progress` takes a fraction and raises CancelledError when the mesh is gone."""
+
+    def __init__(self, store: Store, mesh_id: str, progress: Callable[[float], None]) -> None:
+        self.progress = progress
+        self._store = store
+        self._mesh_id = mesh_id
+
+    @cached_property
+    def accepted(self) -> Accepted:
+        """The acceptance record, with the options."""
+        return records.read_accepted(self._store, self._mesh_id)
+
+    @cached_property
+    def loaded(self) -> dict[str, Any]:
+        """The report of the stage load."""
+        return self.report("load")
+
+    def report(self, stage: str) -> dict[str, Any]:
+        """The report of an earlier stage. Raises CorruptArtifactError when there is none."""
+        record = records.read_stage(self._store, self._mesh_id, stage)
+        if record is None:
+            raise CorruptArtifactError("the record of an earlier stage is missing", stage=stage)
+        return record.report
+
+    @property
+    def clippable(self) -> bool:
+        """Whether the mesh is a closed oriented surface."""
+        return bool(self.loaded["capabilities"]["clip"]["available"])
+
+    @property
+    def frame(self) -> Frame:
+        """The normalised frame."""
+        return Frame(tuple(self.loaded["frame"]["centre"]), self.loaded["frame"]["scale"])
+
+    def upload(self) -> Path:
+        """The uploaded file. Raises NotFoundError."""
+        return self._store.local_path(keys.upload(self.accepted.upload_sha256))
+
+    def tensors(self, layout: Layout, *, verify: bool = False) -> Tensors:
+        """An artifact in memory: copies, since kernels compiled for writable arrays would be compiled again for views.
+
+        `verify` compares its bytes with the sha256 it was written with. Raises NotFoundError, CorruptArtifactError.
+        """
+        path = self._store.local_path(keys.artifact(self._mesh_id, layout.file))
+        return {name: np.array(view) for name, view in open_artifact(path, layout, verify=verify).items()}
+
+    def tensors_if_any(self, layout: Layout, *, verify: bool = False) -> Tensors | None:
+        """The same, or None where the mesh has no such artifact."""
+        if not self._store.exists(keys.artifact(self._mesh_id, layout.file)):
+            return None
+        return self.tensors(layout, verify=verify)
+
+
+def load(inputs: Inputs) -> Result:
+    """The upload, cleaned and indexed."""
+    accepted = inputs.accepted
+    mesh = load_mesh(inputs.upload(), accepted.extension, accepted.options, progress=inputs.progress)
+    tensors: Tensors = {"positions": mesh.positions, "faces": mesh.faces, "normals": mesh.normals}
+    if mesh.edges is not None:
+        tensors |= {"edge_vertices": mesh.edges.vertices, "edge_faces": mesh.edges.faces}
+    kept = [(artifacts.MESH, tensors)]
+    if mesh.appearance is not None:
+        kept.append((artifacts.APPEARANCE, mesh.appearance))
+    report = {
+        "frame": {"centre": list(mesh.frame.centre), "scale": mesh.frame.scale},
+        "stats": mesh.stats.model_dump(mode="json"),
+        "capabilities": {"clip": mesh.clip.model_dump(mode="json")},
+        "repairs": mesh.repairs,
+    }
+    return Result(report, kept)
+
+
+def hull(inputs: Inputs) -> Result:
+    """The coarse hull that is drawn."""
+    if not inputs.clippable:
+        return SKIPPED
+    mesh = inputs.tensors(artifacts.MESH)
+    made = build_hull(mesh["positions"], mesh["faces"], inputs.accepted.options.hull_faces, inputs.progress)
+    hull_tensors: Tensors = {"positions": made.positions, "faces": made.faces, "normals": hull_normals(made.positions, made.faces)}
+    sequence: Tensors = {"collapse_vertices": made.collapse_vertices, "collapse_positions": made.collapse_positions}
+    report = {"faces": len(made.faces), "volume_excess": min(made.volume_excess, sys.float_info.max)}
+    return Result(report, [(artifacts.HULL, hull_tensors), (artifacts.HULL_SEQUENCE, sequence)])
+
+
+def bake(inputs: Inputs) -> Result:
+    """Normal and colour maps over the hull, and the files made of them."""
+    if not inputs.clippable:
+        return SKIPPED
+    mesh, coarse = inputs.tensors(artifacts.MESH), inputs.tensors(artifacts.HULL)
+    maps = bake_maps(
+        coarse["positions"],
+        coarse["faces"],
+        coarse["normals"],
+        mesh["positions"],
+        mesh["faces"],
+        mesh["normals"],
+        inputs.tensors_if_any(artifacts.APPEARANCE),
+        inputs.accepted.options.texels,
+        inputs.progress,
+    )
+    tensors: Tensors = {"tile_uv": maps.tile_uv, "normal": maps.normal}
+    if maps.color is not None:
+        tensors["color"] = maps.color
+    report = {"missed": int(maps.missed), "texel_count": int(maps.texel_count), "tile_side": int(maps.tile_side)}
+    return Result(report, [(artifacts.MAPS, tensors)], files_of(coarse, maps, inputs.frame))
+
+
+def files_of(coarse: Tensors, maps: Maps, frame: Frame) -> dict[str, bytes]:
+    """The downloads by name; no colour map where the mesh has no colour."""
+    made = HullSurface(coarse["positions"], coarse["faces"])
+    files = {artifacts.HULL_GLB: downloads.hull_glb(made, maps, frame), artifacts.NORMAL_PNG: downloads.normal_png(maps)}
+    if maps.color is not None:
+        files[artifacts.COLOR_PNG] = downloads.color_png(maps)
+    return files
+
+
+def tree(inputs: Inputs) -> Result:
+    """The silhouette search tree."""
+    if not inputs.clippable:
+        return SKIPPED
+    mesh = inputs.tensors(artifacts.MESH)
+    made = build_tree(mesh["positions"], mesh["faces"], mesh["edge_vertices"], mesh["edge_faces"], inputs.progress)
+    tensors: Tensors = {part.name: getattr(made, part.name) for part in fields(Tree)}
+    return Result({"nodes": len(made.skip)}, [(artifacts.TREE, tensors)])
+
+
+def verify(inputs: Inputs) -> Result:
+    """Check the artifacts as stored, by themselves and against each other.
+
+    A fault in what clipping needs takes that capability from the mesh, which is then drawn from the original. Raises
+    CorruptArtifactError when the mesh itself is at fault.
+    """
+    mesh = inputs.tensors(artifacts.MESH, verify=True)
+    layouts = (artifacts.HULL, artifacts.MAPS, artifacts.TREE)
+    try:
+        coarse, maps, search = (inputs.tensors_if_any(layout, verify=True) for layout in layouts)
+        return Result(verify_artifacts(mesh, coarse, maps, search, inputs.progress))
+    except CorruptArtifactError as error:
+        if error.where.get("artifact") not in CLIPPING_PARTS:
+            raise
+        log.exception("clipping is withheld: %s", error.message, extra=error.where)
+        reason = f"its preprocessing did not pass the checks: {error.message}"
+        return Result({"capabilities": {"clip": {"available": False, "reason": reason}}})
+
+
+def sha256(data: bytes) -> str:
+    """Hash of a download, hex."""
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,62 @@
+"""Compiles every kernel of the workers by preprocessing a tiny mesh, so that numba's cache on disk has them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.topology import build_edges, face_components, vertex_normals
+from schemas.conventions import F4, I4, Array
+from worker.bake import bake_maps, hull_normals
+from worker.hull import build_hull
+from worker.tree import build_tree
+from worker.verify import verify_artifacts
+
+RINGS, SECTORS = 6, 8
+HULL_FACES, TEXELS = 24, 64
+
+
+def warm_kernels() -> None:
+    """Run load's kernels, hull, bake, tree and verify once on a small ellipsoid."""
+    positions, faces = ellipsoid()
+    normals, edges = vertex_normals(positions, faces), build_edges(faces)
+    face_components(faces, len(positions))
+    hull = build_hull(positions, faces, HULL_FACES, _silent)
+    across = hull_normals(hull.positions, hull.faces)
+    texture: dict[str, Array] = {
+        "corner_color": np.full((len(faces), 3, 4), 255, np.uint8),
+        "corner_uv": np.zeros((len(faces), 3, 2), np.float32),
+        "texture": np.full((2, 2, 4), 255, np.uint8),
+    }
+    maps = bake_maps(hull.positions, hull.faces, across, positions, faces, normals, texture, TEXELS, _silent)
+    tree = build_tree(positions, faces, edges.vertices, edges.faces, _silent)
+    verify_artifacts(
+        {"positions": positions, "faces": faces, "normals": normals, "edge_vertices": edges.vertices, "edge_faces": edges.faces},
+        {"positions": hull.positions, "faces": hull.faces, "normals": across},
+        {"tile_uv": maps.tile_uv, "normal": maps.normal},
+        vars(tree),
+        _silent,
+    )
+
+
+def ellipsoid() -> tuple[F4, I4]:
+    """(positions (v, 3) f4, faces (f, 3) i4) of a closed surface about the origin, outward, with all radii different."""
+    polar = np.pi * np.arange(1, RINGS) / RINGS
+    turn = 2.0 * np.pi * np.arange(SECTORS) / SECTORS
+    ring = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(SECTORS)])
+    body = np.concatenate([ring * np.sin(p) + [0.0, 0.0, np.cos(p)] for p in polar])
+    points = np.concatenate([[[0.0, 0.0, 1.0]], body, [[0.0, 0.0, -1.0]]]) * [0.9, 0.7, 0.5]
+    last = len(points) - 1
+    faces = []
+    for s in range(SECTORS):
+        t = (s + 1) % SECTORS
+        faces.append([0, 1 + s, 1 + t])
+        for r in range(RINGS - 2):
+            a, b = 1 + r * SECTORS, 1 + (r + 1) * SECTORS
+            faces += [[a + s, b + s, b + t], [a + s, b + t, a + t]]
+        bottom = 1 + (RINGS - 2) * SECTORS
+        faces.append([bottom + s, last, bottom + t])
+    return points.astype(np.float32), np.array(faces, np.int32)
+
+
+def _silent(_: float) -> None:
+    return None
