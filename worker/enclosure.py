@@ -97,7 +97,7 @@ def _require_inside(original: _Solid, hull: _Solid, points: F8, at: Values, mess
         if np.any(bounding):
             worst = int(np.argmax(np.where(bounding, distance[far], -1.0)))
             raise NotEnclosedError(message, points[outside[far][worst]].tolist(), float(distance[far][worst]))
-    return int(np.count_nonzero(distance > 0.0))
+    return int(np.count_nonzero((distance > 0.0) & ~far))
 
 
 def _between_crossings(original: _Solid, hull: _Solid) -> tuple[F8, Values]:
