@@ -7,24 +7,29 @@ Departs from it: no stencil and no fans; the area where it is positive is summed
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 
 import numpy as np
 
-from schemas.conventions import F8, U1
+from schemas.conventions import F8, U1, Array
 from service.kernels import coverage as kernels
 from service.kernels import coverage_pixels
 
-MOST_PIECES = 1 << 21
-"""Edge pieces kept for the exact treatment of doubtful pixels: 72 MiB. An image that needs more keeps clamped sums."""
-MOST_PIXELS = 1e150
+MOST_PIECES = 1 << 20
+"""Pieces of edges held at a time: 40 MiB. Images with more are drawn in several goes."""
+KEPT_BYTES = 1 << 24
+"""Scratch memory up to this size stays with its thread; fresh pages cost more than the work done in them."""
+FARTHEST_PX = 1e150
 """Coordinates beyond this would overflow in products."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """mask: (h, w) u1, 255 where a pixel is covered, row 0 at the top. bounds: (x0, y0, x1, y1), half-open, in pixels;
-    everything outside is 0 and x0 == x1 when all of it is. doubtful: pixels that several contours cross.
+    """How much of each pixel is covered.
+
+    mask: (h, w) u1, 255 for all of it, row 0 at the top. bounds: (x0, y0, x1, y1) in pixels, half-open; outside it the mask is
+    0, and (0, 0, 0, 0) means that nothing is in the image. doubtful: pixels several chains of edges cross, treated one by one.
     """
 
     mask: U1
@@ -32,43 +37,69 @@ class Coverage:
     doubtful: int
 
 
+class _Scratch(threading.local):
+    """Buffers of one thread, by name."""
+
+    def __init__(self) -> None:
+        self.buffers: dict[str, Array] = {}
+
+    def array(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> Array:
+        """Uninitialised memory of this shape, the same again when it was large enough."""
+        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        buffer = self.buffers.get(name)
+        if buffer is None or len(buffer) < size:
+            buffer = np.empty(size + size // 4, np.uint8)
+            if size <= KEPT_BYTES:
+                self.buffers[name] = buffer
+        return buffer[:size].view(dtype).reshape(shape)
+
+
+_scratch = _Scratch()
+
+
 def coverage_mask(segments: F8, width: int, height: int, out: U1 | None = None, base: int = 0) -> Coverage:
     """Covered area of each pixel of a width x height image, from the segments of `project_edges`.
 
-    segments: (s, 4) f8 pixels (xa, ya, xb, yb), y down, that form closed polygons; covered is where their winding number is
-    positive, an edge that runs down counting +1 for what is right of it. Rounded to 1/255. Exact, but for pixels with more
-    than 12 pieces of edges (their heights are sampled 32 times) and images with more than MOST_PIECES pieces.
+    segments: (s, 4) f8 pixels (xa, ya, xb, yb), y down, that form closed polygons, in any order; covered is where their winding
+    number is positive, an edge that runs down the image counting +1 for what is right of it. The area is exact before it is
+    rounded to 1/255, but in pixels with more than 12 pieces of edges (sampled at 32 heights) and, where more than
+    MOST_PIECES pixels and edges meet, in pixels that go from no layer to several (they may come out too full).
     out: (h, w) u1 C-contiguous, overwritten. base: added to the winding number everywhere (`surrounding_layers`).
-    Never holds the interpreter lock while it works. Raises ValueError for segments that are not finite.
+    The kernels release the interpreter lock. Raises ValueError for segments that are not finite.
     """
     lines = np.ascontiguousarray(segments, np.float64).reshape(-1, 4)
     if out is None:
-        mask = np.zeros((height, width), np.uint8)
+        out = np.zeros((height, width), np.uint8)
     else:
-        mask = out
-        mask[...] = 0
-    bounds = _bounds(lines, width, height) if base == 0 else (0, 0, width, height)
-    x0, y0, x1, y1 = bounds
+        out[...] = 0
+    x0, y0, x1, y1 = _bounds(lines, width, height)
+    if base != 0:
+        x0, y0, x1, y1 = 0, 0, width, height
     if x0 >= x1 or y0 >= y1:
-        return Coverage(mask, (0, 0, 0, 0), 0)
+        return Coverage(out, (0, 0, 0, 0), 0)
     shape = (y1 - y0, (x1 - x0 + 8) // 8 * 8)
-    sums, state = np.empty(shape), np.zeros(shape, np.uint8)
-    capacity = int(min(MOST_PIECES, kernels.count_pieces(lines, width, height)))
-    pieces, cells = np.empty((capacity, 4)), np.empty(capacity, np.int32)
-    count = kernels.accumulate(lines, width, x0, y0, y1, sums, state, pieces, cells)
-    doubtful = np.empty(min(capacity, shape[0] * shape[1]), np.int32)
-    found = kernels.sweep(sums, state, state.view(np.uint64), float(base), mask, x0, y0, x1, y1, doubtful)
-    if found and count <= capacity:
-        number = np.empty(state.size, np.int32)
-        own, offsets = coverage_pixels.gather(pieces[:count], cells[:count], state.reshape(-1), doubtful[:found], number)
-        coverage_pixels.resolve(own, offsets, doubtful[:found], sums.reshape(-1), shape[1], mask, x0, y0)
-    return Coverage(mask, bounds, found)
+    sums, state = _scratch.array("sums", shape, np.float64), _scratch.array("state", shape, np.uint8)
+    state[...] = 0
+    room = int(min(MOST_PIECES, kernels.most_pieces(lines, width, height)))
+    pieces, pixels = _scratch.array("pieces", (room, 4), np.float64), _scratch.array("pixels", (room, 2), np.int32)
+    start, goes, count = 0, 0, 0
+    while start < len(lines):
+        count, start = kernels.cut(lines, start, width, y0, y1, pieces, pixels)
+        kernels.accumulate(pieces, pixels, count, x0, y0, sums, state)
+        goes += 1
+    doubtful = _scratch.array("doubtful", (min(room * goes, state.size),), np.int32)
+    found = kernels.sweep(sums, state, state.view(np.uint64), float(base), out, x0, y0, x1, y1, doubtful)
+    if found and goes == 1:
+        number = _scratch.array("number", (state.size,), np.int32)
+        own, offsets = coverage_pixels.gather(pieces[:count], pixels, x0, y0, state, doubtful[:found], number)
+        coverage_pixels.resolve(own, offsets, doubtful[:found], sums.reshape(-1), shape[1], out, x0, y0)
+    return Coverage(out, (x0, y0, x1, y1), found)
 
 
 def _bounds(lines: F8, width: int, height: int) -> tuple[int, int, int, int]:
-    """Pixels the polygons can touch."""
+    """The pixels that polygons of these lines can touch."""
     low_x, low_y, high_x, high_y = kernels.extent(lines)
-    if not max(-low_x, -low_y, high_x, high_y) <= MOST_PIXELS:
+    if not max(-low_x, -low_y, high_x, high_y) <= FARTHEST_PX:
         raise ValueError("segments must be finite")
     x0, y0 = int(min(max(low_x, 0.0), width)), int(min(max(low_y, 0.0), height))
     x1, y1 = int(min(max(np.floor(high_x) + 1.0, 0.0), width)), int(min(max(np.floor(high_y) + 1.0, 0.0), height))
