@@ -15,10 +15,10 @@ import redis
 from backend import records
 from backend.logs import configure_logs
 from backend.queue import JobQueue
-from worker import jobs as stage_jobs
+from worker.jobs import STAGE_FUNCTIONS
 from worker.process import StageWorker, die_with_parent
 from worker.settings import WorkerSettings
-from worker.warm import warm_kernels
+from worker.warm import start_compiler, warm_kernels
 
 log = logging.getLogger("silhouette.worker")
 
@@ -29,13 +29,14 @@ def main() -> int:
     """Run one worker; the exit status. Redis errors end it: whoever keeps it running starts it again."""
     settings = WorkerSettings()
     configure_logs("worker", settings.log_level)
-    log.info("stages: %s", ", ".join(stage_jobs.STAGE_FUNCTIONS))
+    log.info("stages: %s", ", ".join(STAGE_FUNCTIONS))
     jobs = JobQueue.open(settings)
     if not wait_for_redis(jobs.redis):
         log.error("the queue does not answer")
         return 1
     if settings.warm_kernels:
         warm_in_background(settings.data_dir)
+    start_compiler()
     records.sweep(jobs.store, settings.temporary_age_s)
     StageWorker(jobs, settings).work()
     return 0

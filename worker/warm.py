@@ -38,6 +38,11 @@ def warm_kernels() -> None:
     )
 
 
+def start_compiler() -> None:
+    """Load one kernel, which starts numba's compiler: half a second that each fork of this process then has behind it."""
+    face_components(np.array([[0, 1, 2]], np.int32), 3)
+
+
 def ellipsoid() -> tuple[F4, I4]:
     """(positions (v, 3) f4, faces (f, 3) i4) of a closed surface about the origin, outward, with all radii different."""
     polar = np.pi * np.arange(1, RINGS) / RINGS

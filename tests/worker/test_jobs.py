@@ -1,0 +1,349 @@
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from rq.timeouts import JobTimeoutException
+
+from backend import records
+from backend.artifacts import open_artifact
+from backend.queue import JobQueue
+from backend.settings import BackendSettings
+from backend.store import Store
+from schemas import artifacts, keys
+from schemas.errors import CancelledError, MeshRejectedError
+from schemas.jobs import STAGES
+from service.embedded import EmbeddedBackend
+from tests.backend.accepting import accept
+from tests.meshes import bumpy_sphere, sphere
+from worker import jobs as stage_jobs
+from worker import stages
+from worker.jobs import fault_of, run_and_record
+from worker.stages import Result
+
+SMALL = {"hull_faces": 60, "texels": 64}
+ENVIRONMENT = {"SILHOUETTE_WARM_KERNELS": "false", "SILHOUETTE_LOG_LEVEL": "WARNING", "SILHOUETTE_RECONCILE_INTERVAL_S": "1"}
+
+
+def ply(mesh):
+    return trimesh.Trimesh(*mesh, process=False).export(file_type="ply")
+
+
+def opened_box():
+    """Five sides of a cube: its one hole has four edges, but repair is off."""
+    box = trimesh.creation.box()
+    return ply((box.vertices, box.faces[2:]))
+
+
+def start(folder, workers):
+    backend = EmbeddedBackend(folder, workers, ENVIRONMENT)
+    backend.start()
+    return backend, JobQueue.open(BackendSettings(data_dir=folder, redis_url=backend.redis_url))
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory):
+    """(backend, queue): a real server and two real worker processes."""
+    backend, queue = start(tmp_path_factory.mktemp("data"), 2)
+    yield backend, queue
+    backend.stop()
+
+
+def wait_for(condition, timeout_s=120.0):
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        if result := condition():
+            return result
+        time.sleep(0.02)
+    raise AssertionError("it did not happen in time")
+
+
+def finished(queue, mesh_id, timeout_s=120.0):
+    return wait_for(lambda: records.read_manifest(queue.store, mesh_id), timeout_s)
+
+
+def process(queue, data, **options):
+    mesh_id = accept(queue.store, data, name="mesh.ply", **options)
+    queue.advance(mesh_id)
+    return mesh_id, finished(queue, mesh_id)
+
+
+def files_of(store, mesh_id):
+    return {key.rpartition("/")[2] for key in store.list(f"{keys.MESHES}{mesh_id}/")}
+
+
+# Through real worker processes.
+
+
+def test_a_closed_mesh_becomes_ready_with_all_its_artifacts(running):
+    _, queue = running
+    mesh_id, manifest = process(queue, ply(sphere(2)), **SMALL)
+    assert manifest.status == "ready", manifest.error
+    assert manifest.capabilities["clip"].available
+    assert manifest.stats.faces == 320
+    assert manifest.hull.faces <= 60
+    assert manifest.hull.volume_excess > 0
+    assert manifest.frame.scale == pytest.approx(1.0, rel=1e-6)
+    assert [(r.stage, r.outcome) for r in manifest.stages] == [(stage, "done") for stage in STAGES]
+    assert all(r.seconds > 0 and r.peak_mib > 10 for r in manifest.stages)
+    written = {name for r in manifest.stages for name in r.artifacts}
+    downloads = {artifacts.HULL_GLB, artifacts.NORMAL_PNG}
+    layouts = (artifacts.MESH, artifacts.HULL, artifacts.HULL_SEQUENCE, artifacts.MAPS, artifacts.TREE)
+    assert written == {layout.file for layout in layouts} | downloads
+    assert written < files_of(queue.store, mesh_id)
+    for layout in layouts:
+        open_artifact(queue.store.local_path(keys.artifact(mesh_id, layout.file)), layout, verify=True)
+
+
+def test_the_same_upload_twice_is_one_mesh_and_no_second_job(running):
+    _, queue = running
+    mesh_id, manifest = process(queue, ply(sphere(1)), **SMALL)
+    again, second = process(queue, ply(sphere(1)), **SMALL)
+    assert (again, second) == (mesh_id, manifest)
+    assert not any(job_id.startswith(mesh_id) for job_id in queue.queue.get_job_ids())
+
+
+def test_a_mesh_that_is_not_closed_is_ready_but_not_clippable(running):
+    _, queue = running
+    mesh_id, manifest = process(queue, opened_box(), repair="never", **SMALL)
+    assert manifest.status == "ready", manifest.error
+    assert not manifest.capabilities["clip"].available
+    assert manifest.capabilities["clip"].reason
+    assert {r.stage: r.outcome for r in manifest.stages} == {
+        "load": "done",
+        "hull": "skipped",
+        "bake": "skipped",
+        "tree": "skipped",
+        "verify": "done",
+    }
+    assert manifest.hull is None
+    assert artifacts.HULL.file not in files_of(queue.store, mesh_id)
+
+
+@pytest.mark.parametrize("data", [b"ply\nthis is not one", b"<html></html>", b"\0" * 1000])
+def test_bytes_that_are_no_mesh_fail_with_their_problem_and_the_workers_live_on(running, data):
+    backend, queue = running
+    pids = wait_for(lambda: len(backend.pids()) == 3 and backend.pids())
+    mesh_id, manifest = process(queue, data)
+    assert manifest.status == "failed"
+    assert manifest.error.status == 422
+    assert manifest.error.model_extra["code"]
+    assert str(queue.store.root) not in manifest.error.model_dump_json()
+    assert files_of(queue.store, mesh_id) == {"accepted.json", "load.json", "manifest.json"}
+    assert backend.pids() == pids
+
+
+def test_many_meshes_at_once_all_become_ready(running):
+    _, queue = running
+    meshes = [accept(queue.store, ply(sphere(1, radius=1 + n)), name="a.ply", **SMALL) for n in range(4)]
+    for mesh_id in meshes:
+        queue.advance(mesh_id)
+    assert {finished(queue, mesh_id).status for mesh_id in meshes} == {"ready"}
+
+
+def test_a_mesh_accepted_without_redis_is_found_by_the_workers(running):
+    _, queue = running
+    mesh_id = accept(queue.store, ply(sphere(1, radius=0.3)), name="a.ply", **SMALL)
+    assert finished(queue, mesh_id, 60.0).status == "ready"
+
+
+def test_workers_are_called_workers(running):
+    backend, _ = running
+    for name, pid in backend.pids().items():
+        if name != "valkey":
+            assert "worker" in Path(f"/proc/{pid}/cmdline").read_text()
+
+
+# One stage at a time, in this process.
+
+
+@pytest.fixture
+def queue(running, tmp_path):
+    """A queue over its own store: nobody but the test works on it."""
+    return JobQueue(running[1].redis, Store(tmp_path / "store"))
+
+
+def test_two_workers_that_run_the_same_stage_publish_the_same(queue):
+    mesh_id = accept(queue.store, ply(sphere(2)), name="a.ply", **SMALL)
+    results = []
+    threads = [threading.Thread(target=lambda: results.append(run_and_record(queue, mesh_id, "load"))) for _ in range(2)]
+    [thread.start() for thread in threads]
+    [thread.join() for thread in threads]
+    assert [r.outcome for r in results] == ["done", "done"]
+    assert results[0].artifacts == results[1].artifacts
+    assert results[0].report == results[1].report
+    path = queue.store.local_path(keys.artifact(mesh_id, artifacts.MESH.file))
+    open_artifact(path, artifacts.MESH, verify=True)
+
+
+def test_running_a_stage_again_writes_the_same_bytes(queue):
+    mesh_id = accept(queue.store, ply(bumpy_sphere(2)), name="a.ply", **SMALL)
+    first = {}
+    for _ in range(2):
+        for stage in STAGES:
+            run_and_record(queue, mesh_id, stage)
+        found = {key: queue.store.get_bytes(key) for key in queue.store.list(f"meshes/{mesh_id}/") if not key.endswith(".json")}
+        first = first or found
+        assert found == first
+
+
+def test_a_mesh_deleted_before_its_stage_publishes_leaves_nothing(queue, monkeypatch):
+    mesh_id = accept(queue.store, ply(sphere(1)), name="a.ply", **SMALL)
+
+    def deleted_meanwhile(inputs):
+        result = stages.load(inputs)
+        queue.cancel(mesh_id)
+        return result
+
+    monkeypatch.setitem(stage_jobs.STAGE_FUNCTIONS, "load", deleted_meanwhile)
+    with pytest.raises(CancelledError):
+        run_and_record(queue, mesh_id, "load")
+    assert list(queue.store.list()) == []
+
+
+def test_a_running_stage_hears_of_the_deletion_at_its_next_progress(queue, monkeypatch):
+    mesh_id = accept(queue.store, ply(sphere(1)), name="a.ply", **SMALL)
+
+    def long_stage(inputs):
+        inputs.progress(0.5)
+        queue.cancel(mesh_id)
+        inputs.progress(0.6)
+        raise AssertionError("unreachable")
+
+    monkeypatch.setitem(stage_jobs.STAGE_FUNCTIONS, "load", long_stage)
+    with pytest.raises(CancelledError):
+        run_and_record(queue, mesh_id, "load")
+    assert list(queue.store.list()) == []
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (MeshRejectedError("It has no faces.", code="no-faces", face=3), "no-faces"),
+        (MemoryError(), "out-of-memory"),
+        (JobTimeoutException("Task exceeded maximum timeout value"), "time-limit"),
+    ],
+)
+def test_faults_that_stay_are_recorded_as_problems(queue, monkeypatch, error, code):
+    mesh_id = accept(queue.store)
+
+    def failing(inputs):
+        raise error
+
+    monkeypatch.setitem(stage_jobs.STAGE_FUNCTIONS, "load", failing)
+    record = run_and_record(queue, mesh_id, "load")
+    assert record.outcome == "failed"
+    assert record.error.model_extra["code"] == code
+    assert record.error.detail == fault_of(error).message
+    queue.advance(mesh_id)
+    assert records.read_manifest(queue.store, mesh_id).error == record.error
+
+
+def test_other_errors_are_the_queues_and_leave_no_record(queue, monkeypatch):
+    mesh_id = accept(queue.store)
+    monkeypatch.setitem(stage_jobs.STAGE_FUNCTIONS, "load", lambda inputs: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run_and_record(queue, mesh_id, "load")
+    assert files_of(queue.store, mesh_id) == {"accepted.json"}
+
+
+def test_an_artifact_that_fails_verification_takes_clipping_from_the_mesh(queue):
+    mesh_id = accept(queue.store, ply(sphere(2)), name="a.ply", **SMALL)
+    for stage in ("load", "hull", "bake", "tree"):
+        run_and_record(queue, mesh_id, stage)
+    hull = open_artifact(queue.store.local_path(keys.artifact(mesh_id, artifacts.HULL.file)), artifacts.HULL)
+    shrunken = {**hull, "positions": np.asarray(hull["positions"]) * np.float32(0.9)}
+    stage_jobs.publish(queue.store, mesh_id, "hull", Result(artifacts=[(artifacts.HULL, shrunken)]))
+    assert run_and_record(queue, mesh_id, "verify").outcome == "done"
+    queue.advance(mesh_id)
+    manifest = records.read_manifest(queue.store, mesh_id)
+    assert manifest.status == "ready"
+    assert not manifest.capabilities["clip"].available
+    assert "checks" in manifest.capabilities["clip"].reason
+
+
+# Faults on purpose.
+
+
+def large():
+    return ply(bumpy_sphere(6))
+
+
+def stage_runs(queue, mesh_id, stage):
+    """Whether the stage has started, is some way in, and has not ended."""
+    return queue.progress.read(mesh_id).get(stage, 0.0) > 0.0 and records.read_stage(queue.store, mesh_id, stage) is None
+
+
+@pytest.mark.heavy
+def test_a_killed_workers_stage_runs_again_and_earlier_stages_do_not(tmp_path):
+    backend, queue = start(tmp_path, 1)
+    try:
+        mesh_id = accept(queue.store, large(), name="a.ply", texels=64)
+        queue.advance(mesh_id)
+        wait_for(lambda: stage_runs(queue, mesh_id, "hull"))
+        loaded = queue.store.local_path(keys.stage_record(mesh_id, "load")).stat().st_mtime_ns
+        os.kill(backend.pids()["worker-1"], signal.SIGKILL)
+        killed = time.monotonic()
+        queue.progress.clear(mesh_id)
+        wait_for(lambda: "hull" in queue.progress.read(mesh_id) or "tree" in queue.progress.read(mesh_id), 60.0)
+        wait_for(lambda: "hull" in queue.progress.read(mesh_id), 60.0)
+        assert time.monotonic() - killed < 45.0
+        assert finished(queue, mesh_id).status == "ready"
+        assert queue.store.local_path(keys.stage_record(mesh_id, "load")).stat().st_mtime_ns == loaded
+    finally:
+        backend.stop()
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("with_its_data", [True, False])
+def test_a_killed_queue_server_loses_no_accepted_mesh(tmp_path, with_its_data):
+    backend, queue = start(tmp_path, 2)
+    try:
+        meshes = [accept(queue.store, ply(sphere(1, radius=1 + n)), name="a.ply", **SMALL) for n in range(8)]
+        for mesh_id in meshes:
+            queue.advance(mesh_id)
+        for _ in range(2):
+            time.sleep(0.7)
+            if not with_its_data:
+                queue.redis.flushall()
+            os.kill(backend.pids()["valkey"], signal.SIGKILL)
+        assert {finished(queue, mesh_id).status for mesh_id in meshes} == {"ready"}
+        assert sum(1 for _ in records.unfinished(queue.store)) == 0
+    finally:
+        backend.stop()
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("stage", ["load", "hull", "tree", "bake"])
+def test_deleting_during_a_stage_leaves_nothing(running, stage):
+    _, queue = running
+    before = set(queue.store.list())
+    mesh_id = accept(queue.store, large(), name="a.ply", texels=4096)
+    queue.advance(mesh_id)
+    wait_for(lambda: stage in queue.progress.read(mesh_id))
+    assert queue.cancel(mesh_id)
+    wait_for(lambda: not queue._started_entries())
+    assert set(queue.store.list()) == before
+    assert list((queue.store.root / ".tmp").iterdir()) == []
+    assert not any(mesh_id.encode() in key for key in queue.redis.scan_iter() if b":results:" not in key and b":job:" not in key)
+
+
+@pytest.mark.heavy
+def test_stopping_is_quick_during_a_stage_and_the_next_start_goes_on(tmp_path):
+    backend, queue = start(tmp_path, 1)
+    mesh_id = accept(queue.store, large(), name="a.ply", texels=64)
+    queue.advance(mesh_id)
+    wait_for(lambda: stage_runs(queue, mesh_id, "hull"))
+    started = time.monotonic()
+    backend.stop(grace_s=0.5)
+    assert time.monotonic() - started < 5.0
+    backend, queue = start(tmp_path, 1)
+    try:
+        wait_for(lambda: "hull" in queue.progress.read(mesh_id), 10.0)
+        assert finished(queue, mesh_id).status == "ready"
+    finally:
+        backend.stop()
