@@ -1,0 +1,153 @@
+"""What rendering and extraction need of a mesh, mapped from its artifacts."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from backend.artifacts import open_artifact
+from backend.store import Store
+from geometry.topology import EdgeTable, build_edges
+from schemas import artifacts, keys
+from schemas.conventions import F4, F8, I4, Array, Frame
+from schemas.errors import NotReadyError
+from schemas.manifest import Manifest
+from schemas.mesh import Capability
+from service.silhouette.extract import SilhouetteTree
+
+CLIP = "clip"
+"""Name of the capability in the manifest."""
+
+
+@dataclass(frozen=True)
+class MeshAsset:
+    """A mesh that is ready, in its normalised frame. The dictionaries hold the tensors of `schemas.artifacts` by name.
+
+    positions (v, 3) f4, faces (f, 3) i4, normals (v, 3) f4. appearance: APPEARANCE, or None when the mesh has no colour.
+    edges: (edge_vertices, edge_faces) of a closed oriented mesh. hull: HULL, maps: MAPS, tree: its silhouette tree; all None
+    when the mesh is not clippable. clip: whether it is, and why not.
+    """
+
+    id: str
+    frame: Frame
+    positions: F4
+    faces: I4
+    normals: F4
+    appearance: dict[str, Array] | None
+    edges: tuple[I4, I4] | None
+    hull: dict[str, Any] | None
+    maps: dict[str, Any] | None
+    tree: SilhouetteTree | None
+    clip: Capability
+
+    @property
+    def clippable(self) -> bool:
+        """Whether its silhouette can be extracted and a hull be clipped to it."""
+        return self.clip.available and self.hull is not None and self.tree is not None
+
+    @cached_property
+    def hull_edges(self) -> EdgeTable:
+        """The hull's edges."""
+        assert self.hull is not None
+        return build_edges(np.asarray(self.hull["faces"]))
+
+    @cached_property
+    def _edge_order(self) -> tuple[Array, Array]:
+        """Keys of the edges in ascending order, and the edges in that order."""
+        assert self.edges is not None
+        low, high = self.edges[0].min(axis=1).astype(np.int64), self.edges[0].max(axis=1)
+        key = low * len(self.positions) + high
+        order = np.argsort(key)
+        return key[order], order
+
+    def left_faces(self, edges: I4) -> I4:
+        """(s,) i4: the face to the left of each directed edge (s, 2) of a closed mesh."""
+        assert self.edges is not None
+        keys_in_order, order = self._edge_order
+        key = edges.min(axis=1).astype(np.int64) * len(self.positions) + edges.max(axis=1)
+        found = order[np.searchsorted(keys_in_order, key)]
+        same = self.edges[0][found, 0] == edges[:, 0]
+        return np.where(same, self.edges[1][found, 0], self.edges[1][found, 1])
+
+    @cached_property
+    def corners(self) -> F8:
+        """(8, 3) f8: the corners of the mesh's bounding box."""
+        low, high = self.positions.min(axis=0), self.positions.max(axis=0)
+        choice = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], bool)
+        return np.where(choice, high, low).astype(np.float64)
+
+    @cached_property
+    def radius(self) -> float:
+        """Radius of a sphere about the origin that holds the mesh and its hull; at least 1."""
+        if self.hull is None:
+            return 1.0
+        return max(1.0, float(np.linalg.norm(self.hull["positions"].astype(np.float64), axis=1).max()))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        groups = (self.appearance or {}, self.hull or {}, self.maps or {})
+        arrays = [self.positions, self.faces, self.normals, *(self.edges or ()), *(a for group in groups for a in group.values())]
+        return sum(int(a.nbytes) for a in arrays)
+
+
+def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
+    """Map the artifacts of a ready mesh. Raises NotReadyError when it is not, CorruptArtifactError."""
+    if manifest.status != "ready" or manifest.frame is None:
+        raise NotReadyError("the mesh is not ready")
+    present = {name for stage in manifest.stages for name in stage.artifacts}
+
+    def tensors(layout: artifacts.Layout) -> dict[str, Any] | None:
+        return open_artifact(store.local_path(keys.artifact(manifest.id, layout.file)), layout) if layout.file in present else None
+
+    mesh = tensors(artifacts.MESH)
+    if mesh is None:
+        raise NotReadyError("the mesh has no geometry yet")
+    edges = (mesh["edge_vertices"], mesh["edge_faces"]) if "edge_vertices" in mesh else None
+    tree = tensors(artifacts.TREE)
+    return MeshAsset(
+        id=manifest.id,
+        frame=Frame(manifest.frame.centre, manifest.frame.scale),
+        positions=mesh["positions"],
+        faces=mesh["faces"],
+        normals=mesh["normals"],
+        appearance=tensors(artifacts.APPEARANCE),
+        edges=edges,
+        hull=tensors(artifacts.HULL),
+        maps=tensors(artifacts.MAPS),
+        tree=None if tree is None or edges is None else SilhouetteTree(mesh, tree),
+        clip=manifest.capabilities.get(CLIP, Capability(available=False, reason="the mesh was not prepared for clipping")),
+    )
+
+
+class AssetCache:
+    """Assets in use, least recently used first to go when they are more than `capacity_mib` together. Thread-safe."""
+
+    def __init__(self, store: Store, capacity_mib: int) -> None:
+        self._store, self._capacity = store, capacity_mib << 20
+        self._kept: OrderedDict[str, MeshAsset] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, manifest: Manifest) -> MeshAsset:
+        """The asset of a ready mesh. Raises NotReadyError, CorruptArtifactError."""
+        with self._lock:
+            kept = self._kept.get(manifest.id)
+            if kept is not None:
+                self._kept.move_to_end(manifest.id)
+                return kept
+        asset = load_asset(self._store, manifest)
+        with self._lock:
+            self._kept[asset.id] = asset
+            while len(self._kept) > 1 and sum(a.nbytes for a in self._kept.values()) > self._capacity:
+                self._kept.popitem(last=False)
+        return asset
+
+    def drop(self, mesh_id: str) -> None:
+        """Forget a mesh that was deleted."""
+        with self._lock:
+            self._kept.pop(mesh_id, None)

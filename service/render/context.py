@@ -1,0 +1,132 @@
+"""The one place that makes a GL context: headless, through EGL, with the stencil functions that moderngl leaves out.
+
+A context belongs to the thread that makes it, and a process must not fork once it has one.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import glcontext
+import moderngl
+
+LIBRARIES = {"libEGL.so.1": "libegl1", "libGL.so.1": "libgl1"}
+"""Shared library -> the Debian package that has it."""
+PACKAGES = "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
+LEAST_VERSION = 330
+
+STENCIL_CENTRE = 128
+"""Cleared stencil value: the winding number zero, with room for negative ones below it."""
+
+_STENCIL_TEST = 0x0B90
+_STENCIL_BUFFER_BIT = 0x0400
+_LESS, _ALWAYS = 0x0201, 0x0207
+_FRONT, _BACK = 0x0404, 0x0405
+_KEEP, _INCREMENT_WRAP, _DECREMENT_WRAP = 0x1E00, 0x8507, 0x8508
+_FRAMEBUFFER, _RENDERBUFFER = 0x8D40, 0x8D41
+_DEPTH24_STENCIL8, _DEPTH_STENCIL_ATTACHMENT = 0x88F0, 0x821A
+_FRAMEBUFFER_COMPLETE = 0x8CD5
+
+_U, _I = ctypes.c_uint, ctypes.c_int
+_SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "glEnable": (None, _U),
+    "glDisable": (None, _U),
+    "glClear": (None, _U),
+    "glClearStencil": (None, _I),
+    "glStencilFunc": (None, _U, _I, _U),
+    "glStencilOpSeparate": (None, _U, _U, _U, _U),
+    "glGenRenderbuffers": (None, _I, ctypes.POINTER(_U)),
+    "glDeleteRenderbuffers": (None, _I, ctypes.POINTER(_U)),
+    "glBindRenderbuffer": (None, _U, _U),
+    "glRenderbufferStorageMultisample": (None, _U, _I, _U, _I, _I),
+    "glBindFramebuffer": (None, _U, _U),
+    "glFramebufferRenderbuffer": (None, _U, _U, _U, _U),
+    "glCheckFramebufferStatus": (_U, _U),
+}
+
+
+class EglUnavailableError(RuntimeError):
+    """This machine cannot draw: EGL or GL is missing or refuses a context. The message says what to install."""
+
+
+class GlContext:
+    """A GL context of the calling thread. `ctx` is moderngl's; the methods are what it has no names for.
+
+    Raises EglUnavailableError.
+    """
+
+    def __init__(self) -> None:
+        _require_libraries()
+        try:
+            native = glcontext.get_backend_by_name("egl")(
+                mode="standalone", glversion=LEAST_VERSION, libgl="libGL.so.1", libegl="libEGL.so.1"
+            )
+            self.ctx = moderngl.create_context(require=LEAST_VERSION, context=native)
+        except Exception as error:
+            raise EglUnavailableError(
+                f"EGL made no OpenGL {LEAST_VERSION / 100:.1f} context ({error}); "
+                f"a software renderer comes with: apt-get install {PACKAGES}"
+            ) from error
+        self._native = native
+        self._gl: dict[str, Callable[..., Any]] = {
+            name: ctypes.CFUNCTYPE(*signature)(native.load(name)) for name, signature in _SIGNATURES.items()
+        }
+        self.most_samples = min(4, int(self.ctx.max_samples))
+
+    def release(self) -> None:
+        """Give the context back; nothing made in it may be used afterwards."""
+        self.ctx.release()
+
+    def check(self) -> None:
+        """Raise RuntimeError when GL has recorded an error, so that no broken picture is handed out as done."""
+        error = self.ctx.error
+        if error != "GL_NO_ERROR":
+            raise RuntimeError(f"the GL reported {error}")
+
+    def attach_depth_stencil(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
+        """Give a framebuffer a depth and stencil buffer, 24 + 8 bits; the name to delete it by."""
+        name = _U()
+        self._gl["glGenRenderbuffers"](1, ctypes.byref(name))
+        self._gl["glBindRenderbuffer"](_RENDERBUFFER, name)
+        self._gl["glRenderbufferStorageMultisample"](_RENDERBUFFER, samples, _DEPTH24_STENCIL8, *size)
+        self._gl["glBindFramebuffer"](_FRAMEBUFFER, framebuffer.glo)
+        self._gl["glFramebufferRenderbuffer"](_FRAMEBUFFER, _DEPTH_STENCIL_ATTACHMENT, _RENDERBUFFER, name)
+        status = self._gl["glCheckFramebufferStatus"](_FRAMEBUFFER)
+        if status != _FRAMEBUFFER_COMPLETE:
+            self.delete_renderbuffer(name.value)
+            raise RuntimeError(f"a framebuffer of {size[0]} x {size[1]} with {samples} samples is not complete (0x{status:x})")
+        return name.value
+
+    def delete_renderbuffer(self, name: int) -> None:
+        """Delete what `attach_depth_stencil` made."""
+        self._gl["glDeleteRenderbuffers"](1, ctypes.byref(_U(name)))
+
+    def count_windings(self) -> None:
+        """Clear the stencil to zero windings; from now on front faces add one and back faces take one away."""
+        self._gl["glClearStencil"](STENCIL_CENTRE)
+        self._gl["glClear"](_STENCIL_BUFFER_BIT)
+        self._gl["glEnable"](_STENCIL_TEST)
+        self._gl["glStencilFunc"](_ALWAYS, 0, 0xFF)
+        self._gl["glStencilOpSeparate"](_FRONT, _KEEP, _KEEP, _INCREMENT_WRAP)
+        self._gl["glStencilOpSeparate"](_BACK, _KEEP, _KEEP, _DECREMENT_WRAP)
+
+    def keep_positive_windings(self) -> None:
+        """From now on draw only where the winding number is positive."""
+        self._gl["glEnable"](_STENCIL_TEST)
+        self._gl["glStencilFunc"](_LESS, STENCIL_CENTRE, 0xFF)
+        self._gl["glStencilOpSeparate"](_FRONT, _KEEP, _KEEP, _KEEP)
+        self._gl["glStencilOpSeparate"](_BACK, _KEEP, _KEEP, _KEEP)
+
+    def ignore_windings(self) -> None:
+        """Draw everywhere again."""
+        self._gl["glDisable"](_STENCIL_TEST)
+
+
+def _require_libraries() -> None:
+    for library, package in LIBRARIES.items():
+        try:
+            ctypes.CDLL(library)
+        except OSError as error:
+            raise EglUnavailableError(f"{library} is missing: apt-get install {package} (all that is needed: {PACKAGES})") from error

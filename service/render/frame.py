@@ -1,0 +1,138 @@
+"""A frame: which passes there are, in which order, and where in the image."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from schemas.conventions import U1
+from schemas.render import RenderRequest, Source
+from service.assets import MeshAsset
+from service.camera import View, project, resolve_camera, to_pixels
+from service.render.passes.background import make_background
+from service.render.passes.clear import clear_target
+from service.render.passes.composite import compose
+from service.render.passes.coverage import make_coverage
+from service.render.passes.edges import find_edges
+from service.render.passes.interior import fill_interior
+from service.render.passes.loops import make_loops
+from service.render.passes.outline import draw_outline
+from service.render.passes.read import read_pixels
+from service.render.passes.resolve import resolve_samples
+from service.render.passes.rim import draw_rim
+from service.render.passes.segments import project_segments
+from service.render.passes.stencil import count_windings
+from service.render.passes.surface import draw_surface
+from service.render.plan import Plan, plan_frame
+from service.render.state import FrameState, Gpu, Tile, parse_color
+
+Make = Callable[[FrameState], None]
+
+
+@dataclass(frozen=True)
+class Pass:
+    """A step of a frame. each_tile: once for every tile; otherwise once for the image. draws: by the GL."""
+
+    name: str
+    make: Make
+    each_tile: bool = False
+    draws: bool = False
+
+
+FRAME = (
+    Pass("background", make_background),
+    Pass("edges", find_edges),
+    Pass("loops", make_loops),
+    Pass("segments", project_segments),
+    Pass("coverage", make_coverage),
+    Pass("clear", clear_target, each_tile=True, draws=True),
+    Pass("stencil", count_windings, each_tile=True, draws=True),
+    Pass("surface", draw_surface, each_tile=True, draws=True),
+    Pass("rim", draw_rim, each_tile=True, draws=True),
+    Pass("outline", draw_outline, each_tile=True, draws=True),
+    Pass("interior", fill_interior, each_tile=True, draws=True),
+    Pass("resolve", resolve_samples, each_tile=True, draws=True),
+    Pass("read", read_pixels, each_tile=True),
+    Pass("composite", compose, each_tile=True),
+)
+"""Everything a frame can do, in order; a plan says which of it one frame does."""
+
+BORDER = 2
+"""Pixels around the projected bounds that are drawn too: the rim and the outline reach one pixel beyond the surface."""
+TILE_SAMPLES = 2048
+"""Samples along a side of a tile: bounds the GL's memory whatever the size of the image."""
+
+
+@dataclass(frozen=True)
+class RenderedImage:
+    """A picture. pixels: (h, w, 4) u1 sRGB, straight alpha, row 0 at the top.
+
+    passes: (name, milliseconds) in order. plan: the names of the passes that ran. rung: source/antialias that was drawn.
+    error_px: how far the outline may be off, pixels, where that is known.
+    """
+
+    pixels: U1
+    passes: tuple[tuple[str, float], ...]
+    plan: tuple[str, ...]
+    rung: str
+    error_px: float | None
+
+
+def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest) -> RenderedImage:
+    """Draw one picture. Raises CapabilityError and InvalidRequestError; RuntimeError when the GL reports an error."""
+    view = resolve_camera(request.camera, asset.frame, request.width, request.height, asset.radius)
+    plan = plan_frame(request, asset, view.eye)
+    background = None if request.background == "transparent" else parse_color(request.background)
+    frame = FrameState(gpu, asset, request, plan, view, background)
+    frame.area = _visible(asset, plan, view)
+    steps = [step for step in FRAME if step.name in plan.passes]
+    times: dict[str, float] = {}
+    for step in steps:
+        if not step.each_tile and (frame.area.width or step.make is make_background):
+            _run(step, frame, times)
+    for tile in tiles_of(plan, frame.area):
+        frame.tile = tile
+        for step in steps:
+            if step.each_tile:
+                _run(step, frame, times)
+    gpu.gl.check()
+    return RenderedImage(frame.image, tuple(times.items()), tuple(times), plan.rung, None)
+
+
+def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
+    """The tiles that cover a rectangle of the image; none when it is empty."""
+    side = TILE_SAMPLES // plan.sample_grid
+    return [
+        Tile(x, y, min(side, area.x + area.width - x), min(side, area.y + area.height - y))
+        for y in range(area.y, area.y + area.height, side)
+        for x in range(area.x, area.x + area.width, side)
+    ]
+
+
+def _run(step: Pass, frame: FrameState, times: dict[str, float]) -> None:
+    start = time.perf_counter()
+    step.make(frame)
+    if step.draws:
+        frame.gpu.ctx.finish()
+    times[step.name] = times.get(step.name, 0.0) + (time.perf_counter() - start) * 1e3
+
+
+def _visible(asset: MeshAsset, plan: Plan, view: View) -> Tile:
+    """The part of the image that can have anything of the mesh in it; empty (no width) when none can."""
+    clipped = plan.source is Source.CLIPPED and asset.hull is not None
+    points = asset.hull["positions"] if clipped and asset.hull is not None else asset.corners
+    clip = project(view, points)
+    if np.all(clip[:, 3] <= 0.0):
+        return Tile(0, 0, 0, 0)
+    if np.any(clip[:, 3] <= 0.0):
+        return Tile(0, 0, view.width, view.height)
+    pixels = to_pixels(view, clip)
+    size = (view.width, view.height)
+    low = np.clip(np.floor(pixels.min(axis=0)) - BORDER, 0, size).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0)) + BORDER, 0, size).astype(int)
+    if np.any(high <= low):
+        return Tile(0, 0, 0, 0)
+    return Tile(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))

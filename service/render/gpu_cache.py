@@ -1,0 +1,189 @@
+"""What the GL holds of the assets in use, least recently used first to go when it is too much together."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from schemas.conventions import I4, Array
+from schemas.render import Source
+from service.assets import MeshAsset
+from service.render.targets import SRGB8_ALPHA8
+
+Fields = list[tuple[str, str, int]]
+"""Name, numpy dtype and count of the attributes of one vertex, in order."""
+
+_GL_FORMAT = {"<f4": "f", "|u1": "f1"}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A drawable surface. fields: its vertex attributes, without the prefix "in_". definitions: for the surface shaders."""
+
+    fields: Fields
+    vertices: moderngl.Buffer
+    indices: moderngl.Buffer | None
+    textures: dict[str, moderngl.Texture]
+    definitions: frozenset[str]
+    nbytes: int
+    arrays: dict[moderngl.Program, moderngl.VertexArray] = field(default_factory=dict)
+
+    def array(self, ctx: moderngl.Context, program: moderngl.Program) -> moderngl.VertexArray:
+        """The surface as input of a program."""
+        if program not in self.arrays:
+            layout, names = attributes(self.fields, "in_", set(program))
+            self.arrays[program] = ctx.vertex_array(program, [(self.vertices, layout, *names)], self.indices)
+        return self.arrays[program]
+
+    def release(self) -> None:
+        """Delete everything in it."""
+        for one in (*self.arrays.values(), *self.textures.values(), self.vertices, self.indices):
+            if one is not None:
+                one.release()
+
+
+def attributes(fields: Fields, prefix: str, used: set[str]) -> tuple[str, list[str]]:
+    """(moderngl format, attribute names) of interleaved vertices; what a program does not use is skipped as padding."""
+    parts, names = [], []
+    for name, dtype, count in fields:
+        if prefix + name in used:
+            parts.append(f"{count}{_GL_FORMAT[dtype]}")
+            names.append(prefix + name)
+        else:
+            parts.append(f"{count * np.dtype(dtype).itemsize}x")
+    return " ".join(parts), names
+
+
+class GpuCache:
+    """Surfaces by asset and source. A single surface larger than the limit is kept as long as it is the latest."""
+
+    def __init__(self, ctx: moderngl.Context, capacity_mib: int) -> None:
+        self._ctx, self._capacity = ctx, capacity_mib << 20
+        self._kept: OrderedDict[tuple[str, Source, bool], Surface] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all surfaces."""
+        return sum(surface.nbytes for surface in self._kept.values())
+
+    def get(self, asset: MeshAsset, source: Source, *, colored: bool) -> Surface:
+        """The hull (clipped) or the mesh (original), with its own colours where it has them and they are wanted."""
+        key = (asset.id, source, colored and has_color(asset, source))
+        if key not in self._kept:
+            self._kept[key] = self._upload(asset, source, colored=key[2])
+        self._kept.move_to_end(key)
+        while len(self._kept) > 1 and self.nbytes > self._capacity:
+            self._kept.popitem(last=False)[1].release()
+        return self._kept[key]
+
+    def release(self) -> None:
+        """Delete everything."""
+        while self._kept:
+            self._kept.popitem()[1].release()
+
+    def _upload(self, asset: MeshAsset, source: Source, *, colored: bool) -> Surface:
+        images = surface_images(asset, source, colored=colored)
+        unindexed = needs_corners(source, colored=colored)
+        if unindexed:
+            rows = corner_rows(asset, source, np.arange(3 * face_count(asset, source), dtype=np.int32), colored=colored)
+        else:
+            rows = vertex_rows(asset, np.arange(len(asset.positions), dtype=np.int32))
+        names = set(rows.dtype.names or ())
+        definitions = {name.upper() for name in names & {"normal", "uv", "color"}} | {name.upper() for name in images}
+        if "normal_map" in images:
+            definitions.discard("NORMAL")
+        indices = None if unindexed else np.ascontiguousarray(asset.faces, "<i4")
+        return Surface(
+            fields_of(rows.dtype),
+            self._ctx.buffer(rows.tobytes()),
+            None if indices is None else self._ctx.buffer(indices.tobytes()),
+            {name: self._texture(image, srgb=name == "color_map") for name, image in images.items()},
+            frozenset(definitions),
+            rows.nbytes + (0 if indices is None else indices.nbytes) + sum(4 * i.shape[0] * i.shape[1] for i in images.values()),
+        )
+
+    def _texture(self, image: Array, *, srgb: bool) -> moderngl.Texture:
+        height, width, channels = image.shape
+        data = np.ascontiguousarray(image).tobytes()
+        if srgb:
+            return self._ctx.texture((width, height), channels, data, alignment=1, internal_format=SRGB8_ALPHA8)
+        return self._ctx.texture((width, height), channels, data, alignment=1)
+
+
+def has_color(asset: MeshAsset, source: Source) -> bool:
+    """Whether that surface has colours of its own."""
+    if source is Source.CLIPPED:
+        return asset.maps is not None and "color" in asset.maps
+    appearance: Mapping[str, Array] = asset.appearance or {}
+    return "corner_color" in appearance or {"corner_uv", "texture"} <= set(appearance)
+
+
+def needs_corners(source: Source, *, colored: bool) -> bool:
+    """Whether neighbouring faces have different attributes at the same vertex."""
+    return source is Source.CLIPPED or colored
+
+
+def face_count(asset: MeshAsset, source: Source) -> int:
+    """Faces of that surface."""
+    return len(asset.hull["faces"] if source is Source.CLIPPED and asset.hull is not None else asset.faces)
+
+
+def surface_images(asset: MeshAsset, source: Source, *, colored: bool) -> dict[str, Array]:
+    """Textures of that surface by the name of their sampler."""
+    if source is Source.CLIPPED:
+        maps = asset.maps or {}
+        images = {"normal_map": maps["normal"]} if "normal" in maps else {}
+        return images | ({"color_map": maps["color"]} if colored else {})
+    appearance = asset.appearance or {}
+    textured = colored and {"corner_uv", "texture"} <= set(appearance)
+    return {"color_map": appearance["texture"]} if textured else {}
+
+
+def fields_of(dtype: np.dtype) -> Fields:
+    """The attributes of a structured array's rows."""
+    fields = []
+    for name in dtype.names or ():
+        base, shape = dtype[name].base, dtype[name].shape
+        fields.append((name, base.str, shape[0]))
+    return fields
+
+
+def vertex_rows(asset: MeshAsset, vertices: I4) -> Array:
+    """(...) structured rows of the original's vertices with these numbers."""
+    return _rows({"position": asset.positions[vertices], "normal": asset.normals[vertices]})
+
+
+def corner_rows(asset: MeshAsset, source: Source, corners: I4, *, colored: bool) -> Array:
+    """(...) structured rows of corners, numbered 3 face + corner, of the hull or of the coloured original."""
+    if source is Source.CLIPPED and asset.hull is not None:
+        hull, maps = asset.hull, asset.maps or {}
+        vertices = hull["faces"].reshape(-1)[corners]
+        columns = {"position": hull["positions"][vertices]}
+        if "normal" in maps:
+            return _rows(columns | {"uv": maps["tile_uv"].reshape(-1, 2)[corners]})
+        return _rows(columns | {"normal": hull["normals"][vertices]})
+    vertices = asset.faces.reshape(-1)[corners]
+    columns = {"position": asset.positions[vertices], "normal": asset.normals[vertices]}
+    appearance: Mapping[str, Any] = asset.appearance or {}
+    if colored and "corner_color" in appearance:
+        columns["color"] = appearance["corner_color"].reshape(-1, 4)[corners]
+    if colored and {"corner_uv", "texture"} <= set(appearance):
+        # v upwards, while row 0 of the texture is uploaded first, at v = 0
+        columns["uv"] = appearance["corner_uv"].reshape(-1, 2)[corners] * np.array([1, -1], "<f4") + np.array([0, 1], "<f4")
+    return _rows(columns)
+
+
+def _rows(columns: dict[str, Array]) -> Array:
+    shape = columns["position"].shape[:-1]
+    rows = np.empty(shape, [(name, column.dtype.str, column.shape[-1:]) for name, column in columns.items()])
+    for name, column in columns.items():
+        rows[name] = column
+    return rows

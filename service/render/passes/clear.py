@@ -1,0 +1,16 @@
+"""An empty target for the tile."""
+
+from __future__ import annotations
+
+from schemas.render import Antialias
+from service.render.state import FrameState
+
+
+def clear_target(frame: FrameState) -> None:
+    """Take a framebuffer for the tile and clear its colour, alpha and depth."""
+    gpu = frame.gpu
+    samples = gpu.gl.most_samples if frame.plan.antialias is Antialias.MSAA else 0
+    frame.target = gpu.targets.get(frame.tile.width * frame.scale, frame.tile.height * frame.scale, samples)
+    framebuffer = frame.use_target(color=True, alpha=True, depth=True)
+    gpu.gl.ignore_windings()
+    framebuffer.clear()

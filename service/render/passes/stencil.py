@@ -1,0 +1,28 @@
+"""Winding numbers of the silhouette in the stencil buffer.
+
+Silhouette Clipping, section 6. Departures: both facings are counted by one draw with a two-sided stencil instead of two
+draws with culling; contours are decomposed down to triangles (kernels/loops.py); zero is stored as 128, so that a winding
+number that rounding made negative does not count as positive.
+"""
+
+from __future__ import annotations
+
+import moderngl
+
+from service.render.programs import set_uniforms
+from service.render.state import FrameState
+
+
+def count_windings(frame: FrameState) -> None:
+    """Draw the small loops into the stencil."""
+    gpu = frame.gpu
+    frame.use_target(color=False, alpha=False, depth=False)
+    gpu.ctx.enable_only(moderngl.NOTHING)
+    gpu.ctx.front_face = "cw"  # rows run downwards in the target
+    gpu.gl.count_windings()
+    if frame.contours is not None and len(frame.triangles):
+        program = gpu.programs.get("loops", "opaque")
+        set_uniforms(program, clip_from_object=frame.clip_from_object())
+        corners = frame.asset.positions[frame.contours.vertices]
+        with gpu.passing(program, corners, "3f", ["in_position"], frame.triangles) as loops:
+            loops.render()

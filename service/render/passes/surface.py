@@ -1,0 +1,59 @@
+"""The coloured surface: the hull with its maps, or the original mesh."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+
+from schemas.render import Antialias, ShadingMode
+from service.render.gpu_cache import Surface
+from service.render.programs import set_uniforms
+from service.render.state import LINEAR_TABLE, FrameState, parse_color
+
+DEFAULT_LIGHT = (0.5, 0.7, 1.0)
+"""Camera space: to the right, above and behind the eye."""
+SHOW = {ShadingMode.LAMBERT: "SHOW_LAMBERT", ShadingMode.NORMAL: "SHOW_NORMAL", ShadingMode.MASK: "SHOW_FLAT"}
+
+
+def draw_surface(frame: FrameState) -> None:
+    """Draw the surface with depth test into colour; alpha too, unless it holds an outline already."""
+    gpu, plan = frame.gpu, frame.plan
+    surface = surface_of(frame)
+    program = shaded_program(frame, surface, "surface")
+    frame.use_target(color=True, alpha=plan.antialias is not Antialias.LINE, depth=True)
+    if "stencil" in plan.passes and plan.antialias is Antialias.NONE:
+        gpu.gl.keep_positive_windings()
+    else:
+        gpu.gl.ignore_windings()
+    gpu.ctx.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if plan.closed else moderngl.NOTHING))
+    gpu.ctx.front_face = "cw"  # rows run downwards in the target
+    surface.array(gpu.ctx, program).render()
+
+
+def surface_of(frame: FrameState) -> Surface:
+    """The surface that the plan draws, in the GL."""
+    shading = frame.request.shading
+    colored = shading.use_mesh_color and shading.mode is ShadingMode.LAMBERT
+    return frame.gpu.cache.get(frame.asset, frame.plan.source, colored=colored)
+
+
+def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl.Program:
+    """The program `vertex` with the surface's shading, all uniforms and textures set."""
+    shading = frame.request.shading
+    sides = frozenset() if frame.plan.closed else frozenset({"TWO_SIDED"})
+    program = frame.gpu.programs.get(vertex, "surface", surface.definitions | {SHOW[shading.mode]} | sides)
+    color = list(parse_color(shading.color))
+    light = np.array(shading.light or DEFAULT_LIGHT)
+    length = float(np.linalg.norm(light))
+    light = frame.view.view[:3, :3].T @ (light / length if length > 0.0 else light)
+    set_uniforms(
+        program,
+        clip_from_object=frame.clip_from_object(),
+        base_color=tuple(LINEAR_TABLE[color].tolist()),
+        light=tuple(light.tolist()),
+        ambient=shading.ambient,
+        **{name: unit for unit, name in enumerate(surface.textures)},
+    )
+    for unit, texture in enumerate(surface.textures.values()):
+        texture.use(unit)
+    return program

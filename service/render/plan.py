@@ -1,0 +1,117 @@
+"""From a request to the passes it needs, as plain data; what is drawn how is decided here and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from schemas.conventions import F8
+from schemas.errors import CapabilityError, InvalidRequestError
+from schemas.render import Antialias, RenderRequest, ShadingMode, Source
+from service.assets import MeshAsset
+from service.kernels.separation import is_separated
+
+ALWAYS = frozenset({"background"})
+DRAWN = frozenset({"clear", "read", "composite"})
+"""What a picture needs as soon as the GL draws anything of it."""
+
+SILHOUETTE: dict[Antialias, frozenset[str]] = {
+    Antialias.NONE: frozenset({"edges", "loops", "stencil"}),
+    Antialias.LINE: frozenset({"edges", "loops", "stencil", "segments", "outline", "interior"}),
+    Antialias.COVERAGE: frozenset({"edges", "segments", "coverage"}),
+}
+"""Passes that make the exact outline, by rung."""
+
+SURFACE: dict[tuple[Source, Antialias], frozenset[str]] = {
+    (Source.CLIPPED, Antialias.NONE): frozenset({"surface"}),
+    (Source.CLIPPED, Antialias.LINE): frozenset({"surface", "rim"}),
+    (Source.CLIPPED, Antialias.COVERAGE): frozenset({"surface", "rim"}),
+    (Source.ORIGINAL, Antialias.NONE): frozenset({"surface"}),
+    (Source.ORIGINAL, Antialias.COVERAGE): frozenset({"surface", "rim"}),
+    (Source.ORIGINAL, Antialias.MSAA): frozenset({"surface", "resolve"}),
+    (Source.ORIGINAL, Antialias.SSAA): frozenset({"surface", "resolve"}),
+}
+"""Passes that colour it; the rungs there are, by source. The rim colours pixels that the outline touches but no surface does."""
+
+SAMPLE_GRID: dict[Antialias, int] = {Antialias.MSAA: 2, Antialias.SSAA: 4}
+"""Samples a pixel has along each side, where it is not one."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What one frame does. passes: names, in no order (`frame.FRAME` has the order). closed: back faces cannot be seen."""
+
+    source: Source
+    antialias: Antialias
+    mode: ShadingMode
+    passes: frozenset[str]
+    closed: bool
+
+    @property
+    def rung(self) -> str:
+        """Its name for people: source/antialias."""
+        return f"{self.source.value}/{self.antialias.value}"
+
+    @property
+    def sample_grid(self) -> int:
+        """Samples along each side of a pixel."""
+        return SAMPLE_GRID.get(self.antialias, 1)
+
+
+def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
+    """The plan for a request seen from eye (4,) f8, normalised frame.
+
+    Raises CapabilityError when the request insists on what this mesh or this eye does not allow, InvalidRequestError when
+    its rung does not exist.
+    """
+    refusal = _why_not_clipped(asset, eye)
+    source, antialias = _rung(request, refusal)
+    mode = request.shading.mode
+    outlined = source is Source.CLIPPED or antialias is Antialias.COVERAGE
+    passes = ALWAYS | (SILHOUETTE[antialias] if outlined else frozenset())
+    if outlined and mode is ShadingMode.MASK:
+        passes |= _bare_mask(antialias)
+    else:
+        passes |= SURFACE[source, antialias] | DRAWN
+    closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside(asset.corners, eye))
+    return Plan(source, antialias, mode, passes, closed)
+
+
+def _bare_mask(antialias: Antialias) -> frozenset[str]:
+    """Passes that lay the outline's alpha down without any surface; an exact mask needs no GL at all."""
+    return frozenset({"composite"}) if antialias is Antialias.COVERAGE else DRAWN | {"interior"}
+
+
+def _rung(request: RenderRequest, refusal: str | None) -> tuple[Source, Antialias]:
+    antialias, source = request.accuracy.antialias, request.accuracy.source
+    if source is Source.AUTO:
+        source = Source.CLIPPED if refusal is None and (Source.CLIPPED, antialias) in SURFACE else Source.ORIGINAL
+    if source is Source.CLIPPED:
+        if (source, antialias) not in SURFACE:
+            raise InvalidRequestError(f"{antialias.value} is a rung of the original only", field="accuracy.antialias")
+        if refusal is not None:
+            raise CapabilityError(refusal, field="accuracy.source")
+        return source, antialias
+    needs_outline = antialias is Antialias.COVERAGE and refusal is not None
+    return source, Antialias.MSAA if antialias is Antialias.LINE or needs_outline else antialias
+
+
+def _why_not_clipped(asset: MeshAsset, eye: F8) -> str | None:
+    """Why the silhouette cannot clip this view; None when it can.
+
+    Silhouette Clipping counts front-facing layers along each ray from its contours alone, which is right from outside the
+    convex hull of what is drawn (section 6).
+    """
+    if not asset.clippable or asset.hull is None:
+        return asset.clip.reason or "the mesh was not prepared for clipping"
+    if not _is_outside(asset.hull["positions"], eye, asset.radius):
+        return "the eye is inside the convex hull of the mesh's hull, where a silhouette does not clip"
+    return None
+
+
+def _is_outside(points: F8, eye: F8, radius: float = np.inf) -> bool:
+    """Whether the eye is certainly outside the convex hull of points (n, 3), all within `radius` of the origin."""
+    if eye[3] == 0.0 or float(np.linalg.norm(eye[:3])) > radius * (1.0 + 1e-6):
+        return True
+    return bool(is_separated(points, eye[:3]))

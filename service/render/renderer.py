@@ -1,0 +1,107 @@
+"""The one thread that draws: it makes and owns the process's GL context and takes frames from a bounded queue.
+
+After `start` the process must not fork: a child of a process with an EGL context hangs.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+from schemas.errors import BusyError
+from schemas.render import RenderRequest
+from service.assets import MeshAsset
+from service.render.frame import RenderedImage, render_frame
+from service.render.state import Gpu
+
+__all__ = ["RenderedImage", "Renderer"]
+
+FIRST_GUESS_S = 0.05
+"""A frame's duration, before any was measured."""
+LEAST_RETRY_S = 0.1
+
+
+@dataclass(frozen=True)
+class _Job:
+    future: Future[RenderedImage]
+    asset: MeshAsset
+    request: RenderRequest
+
+
+class Renderer:
+    """Draws frames in a thread of its own, one after the other.
+
+    queue_depth: frames that may wait. gpu_cache_mib: of meshes and maps kept in the GL.
+    """
+
+    def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512) -> None:
+        self._jobs: queue.Queue[_Job | None] = queue.Queue(queue_depth)
+        self._cache_mib = gpu_cache_mib
+        self._thread: threading.Thread | None = None
+        self._open = False
+        self._lock = threading.Lock()
+        self._typical_s = FIRST_GUESS_S
+
+    def start(self) -> None:
+        """Make the context and begin to draw. Raises EglUnavailableError."""
+        ready: Future[None] = Future()
+        self._thread = threading.Thread(target=self._draw, args=(ready,), name="renderer", daemon=True)
+        self._thread.start()
+        ready.result()
+        self._open = True
+
+    def close(self) -> None:
+        """Finish the frame under way, cancel those that wait, give the context back."""
+        with self._lock:
+            if not self._open or self._thread is None:
+                return
+            self._open = False
+        while True:
+            try:
+                job = self._jobs.get_nowait()
+            except queue.Empty:
+                break
+            if job is not None:
+                job.future.cancel()
+        self._jobs.put(None)
+        self._thread.join()
+
+    def submit(self, asset: MeshAsset, request: RenderRequest) -> Future[RenderedImage]:
+        """Queue a frame. Its future fails with what went wrong with it; cancelled before its turn it costs nothing.
+
+        Raises BusyError when the queue is full or the renderer is closed.
+        """
+        job = _Job(Future(), asset, request)
+        with self._lock:
+            if not self._open:
+                raise BusyError("the renderer is not running")
+            try:
+                self._jobs.put_nowait(job)
+            except queue.Full:
+                wait = max(LEAST_RETRY_S, self._typical_s * self._jobs.maxsize)
+                raise BusyError("too many pictures are waiting to be drawn", retry_after_s=wait) from None
+        return job.future
+
+    def _draw(self, ready: Future[None]) -> None:
+        try:
+            gpu = Gpu(self._cache_mib)
+        except Exception as error:
+            ready.set_exception(error)
+            return
+        ready.set_result(None)
+        while (job := self._jobs.get()) is not None:
+            self._serve(gpu, job)
+        gpu.release()
+
+    def _serve(self, gpu: Gpu, job: _Job) -> None:
+        if not job.future.set_running_or_notify_cancel():
+            return
+        try:
+            image = render_frame(gpu, job.asset, job.request)
+        except Exception as error:
+            job.future.set_exception(error)
+            return
+        self._typical_s += 0.1 * (sum(ms for _, ms in image.passes) / 1e3 - self._typical_s)
+        job.future.set_result(image)

@@ -1,0 +1,58 @@
+// Colour of a surface as sRGB bytes, opaque. Definitions: NORMAL_MAP (otherwise NORMAL), COLOR_MAP and COLOR (their product;
+// neither: base_color), TWO_SIDED, and one of SHOW_LAMBERT, SHOW_NORMAL, SHOW_FLAT.
+//! include srgb.part.glsl
+uniform vec3 base_color;  // linear
+uniform vec3 light;       // unit, object space, towards the light
+uniform float ambient;
+#ifdef NORMAL
+in vec3 normal;
+#endif
+#ifdef UV
+in vec2 uv;
+#endif
+#ifdef COLOR
+in vec3 color;
+#endif
+#ifdef NORMAL_MAP
+uniform sampler2D normal_map;
+#endif
+#ifdef COLOR_MAP
+uniform sampler2D color_map;
+#endif
+out vec4 fragment;
+
+vec3 surface_normal() {
+#ifdef NORMAL_MAP
+    vec3 n = texture(normal_map, uv).rgb * 2.0 - 1.0;
+#else
+    vec3 n = normal;
+#endif
+#ifdef TWO_SIDED
+    n = gl_FrontFacing ? n : -n;
+#endif
+    return n * inversesqrt(max(dot(n, n), 1e-20));
+}
+
+vec3 surface_color() {
+    vec3 c = base_color;
+#if defined(COLOR_MAP)
+    c = texture(color_map, uv).rgb;
+#ifdef COLOR
+    c *= color;
+#endif
+#elif defined(COLOR)
+    c = color;
+#endif
+    return c;
+}
+
+void main() {
+#if defined(SHOW_NORMAL)
+    fragment = vec4(surface_normal() * 0.5 + 0.5, 1.0);
+#elif defined(SHOW_FLAT)
+    fragment = vec4(srgb_from_linear(base_color), 1.0);
+#else
+    float lit = max(dot(surface_normal(), light), 0.0);
+    fragment = vec4(srgb_from_linear(surface_color() * mix(lit, 1.0, ambient)), 1.0);
+#endif
+}

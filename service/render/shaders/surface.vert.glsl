@@ -1,0 +1,29 @@
+// A surface in object space. The definitions NORMAL, UV and COLOR name the attributes there are.
+//! include srgb.part.glsl
+uniform mat4 clip_from_object;
+in vec3 in_position;
+#ifdef NORMAL
+in vec3 in_normal;
+out vec3 normal;
+#endif
+#ifdef UV
+in vec2 in_uv;
+out vec2 uv;
+#endif
+#ifdef COLOR
+in vec4 in_color;
+out vec3 color;
+#endif
+
+void main() {
+    gl_Position = clip_from_object * vec4(in_position, 1.0);
+#ifdef NORMAL
+    normal = in_normal;
+#endif
+#ifdef UV
+    uv = in_uv;
+#endif
+#ifdef COLOR
+    color = linear_from_srgb(in_color.rgb);
+#endif
+}

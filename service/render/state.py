@@ -1,0 +1,151 @@
+"""What the passes of one frame share: the GL and its caches, the request, and what earlier passes have made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import moderngl
+import numpy as np
+
+from schemas.conventions import F4, F8, I4, U1, Array
+from schemas.render import RenderRequest
+from service.assets import MeshAsset
+from service.camera import View
+from service.kernels.compositing import linear_table
+from service.render.context import GlContext
+from service.render.gpu_cache import GpuCache
+from service.render.plan import Plan
+from service.render.programs import Programs
+from service.render.targets import Target, Targets
+from service.silhouette.contours import Contours
+
+LINEAR_TABLE = linear_table()
+Color = tuple[int, int, int]
+
+
+def parse_color(text: str) -> Color:
+    """sRGB bytes of "#rrggbb"."""
+    return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
+
+
+def as_words(pixels: U1) -> Array:
+    """(h, w) u4 view of (h, w, 4) u1 pixels, as the compositing kernels take them."""
+    return pixels.view("<u4")[:, :, 0]
+
+
+def word_of(color: Color) -> np.uint32:
+    """The word of an opaque pixel."""
+    return np.array([*color, 255], np.uint8).view("<u4")[0]
+
+
+class Gpu:
+    """The GL and everything kept in it between frames. Belongs to the thread that makes it."""
+
+    def __init__(self, cache_mib: int) -> None:
+        self.gl = GlContext()
+        self.ctx = self.gl.ctx
+        self.programs = Programs(self.ctx)
+        self.targets = Targets(self.gl)
+        self.cache = GpuCache(self.ctx, cache_mib)
+        self._screens: dict[moderngl.Program, moderngl.VertexArray] = {}
+        self._pixels = np.empty(0, np.uint8)
+
+    def pixel_buffer(self, size: int) -> U1:
+        """`size` bytes to read pixels into; the same memory every time."""
+        if self._pixels.size < size:
+            self._pixels = np.empty(size, np.uint8)
+        return self._pixels[:size]
+
+    def screen(self, program: moderngl.Program) -> moderngl.VertexArray:
+        """A program's input that has no vertices: three of them cover the target."""
+        if program not in self._screens:
+            self._screens[program] = self.ctx.vertex_array(program, [])
+        return self._screens[program]
+
+    @contextmanager
+    def passing(
+        self, program: moderngl.Program, data: Array, layout: str, names: Sequence[str], indices: I4 | None = None
+    ) -> Iterator[moderngl.VertexArray]:
+        """Vertices for one draw only."""
+        vertices = self.ctx.buffer(np.ascontiguousarray(data).tobytes())
+        index = None if indices is None else self.ctx.buffer(np.ascontiguousarray(indices, "<i4").tobytes())
+        array = self.ctx.vertex_array(program, [(vertices, layout, *names)], index)
+        try:
+            yield array
+        finally:
+            for one in (array, vertices, index):
+                if one is not None:
+                    one.release()
+
+    def release(self) -> None:
+        """Delete everything and give the context back."""
+        for array in self._screens.values():
+            array.release()
+        self.cache.release()
+        self.targets.release()
+        self.programs.release()
+        self.gl.release()
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A rectangle of the image, pixels from the top left."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+@dataclass
+class FrameState:
+    """One frame under way. background: sRGB bytes, None when transparent. area: the part of the image that can have anything
+    of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn.
+    """
+
+    gpu: Gpu
+    asset: MeshAsset
+    request: RenderRequest
+    plan: Plan
+    view: View
+    background: Color | None
+    image: U1 = field(default_factory=lambda: np.empty((0, 0, 4), np.uint8))
+    edges: I4 = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    contours: Contours | None = None
+    triangles: I4 = field(default_factory=lambda: np.empty((0, 3), np.int32))
+    segments: F8 = field(default_factory=lambda: np.empty((0, 4)))
+    mask: U1 | None = None
+    area: Tile = Tile(0, 0, 0, 0)
+    tile: Tile = Tile(0, 0, 0, 0)
+    target: Target | None = None
+    drawn: U1 | None = None
+
+    @property
+    def scale(self) -> int:
+        """Target pixels along a side of an image pixel."""
+        return self.plan.sample_grid if self.plan.antialias.value == "ssaa" else 1
+
+    def use_target(self, *, color: bool, alpha: bool, depth: bool) -> moderngl.Framebuffer:
+        """The tile's framebuffer, bound, with its viewport, for writing to those channels."""
+        if self.target is None:
+            raise RuntimeError("a pass that draws came before the target was cleared")
+        framebuffer = self.target.framebuffer
+        framebuffer.viewport = (0, 0, self.tile.width * self.scale, self.tile.height * self.scale)
+        framebuffer.color_mask = (color, color, color, alpha)
+        framebuffer.depth_mask = depth
+        framebuffer.use()
+        return framebuffer
+
+    def clip_from_object(self) -> F4:
+        """(4, 4) f4, column-major: the tile's rectangle of the image as the whole clip space, rows downwards."""
+        t, view = self.tile, self.view
+        crop = np.eye(4)
+        crop[0, 0], crop[0, 3] = view.width / t.width, (view.width - 2.0 * t.x) / t.width - 1.0
+        crop[1, 1], crop[1, 3] = -view.height / t.height, (view.height - 2.0 * t.y) / t.height - 1.0
+        return np.ascontiguousarray((crop @ view.matrix).T, np.float32)
+
+    def pixel(self) -> tuple[float, float]:
+        """Size of an image pixel in the tile's normalised device coordinates."""
+        return 2.0 / self.tile.width, 2.0 / self.tile.height

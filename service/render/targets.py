@@ -1,0 +1,63 @@
+"""Framebuffers, kept for a few sizes and reused."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import moderngl
+
+from service.render.context import GlContext
+
+SIZE_STEP = 64
+"""Sides are rounded up to a multiple of this, pixels: a turning object needs few framebuffers."""
+MOST_TARGETS = 8
+SRGB8_ALPHA8 = 0x8C43
+
+
+@dataclass(frozen=True)
+class Target:
+    """A framebuffer with colour (sRGB bytes, linear when sampled), depth and stencil. size: (width, height), pixels."""
+
+    framebuffer: moderngl.Framebuffer
+    color: moderngl.Texture
+    depth_stencil: int
+    size: tuple[int, int]
+    samples: int
+
+
+class Targets:
+    """At most MOST_TARGETS framebuffers; the least recently used one goes first."""
+
+    def __init__(self, gl: GlContext) -> None:
+        self._gl = gl
+        self._kept: OrderedDict[tuple[int, int, int], Target] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def get(self, width: int, height: int, samples: int = 0) -> Target:
+        """A framebuffer of at least width x height pixels; what is in it is anything."""
+        key = (-(-width // SIZE_STEP) * SIZE_STEP, -(-height // SIZE_STEP) * SIZE_STEP, samples)
+        if key not in self._kept:
+            while len(self._kept) >= MOST_TARGETS:
+                self._delete(self._kept.popitem(last=False)[1])
+            self._kept[key] = self._make(key[:2], samples)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+    def release(self) -> None:
+        """Delete them all."""
+        while self._kept:
+            self._delete(self._kept.popitem()[1])
+
+    def _make(self, size: tuple[int, int], samples: int) -> Target:
+        color = self._gl.ctx.texture(size, 4, samples=samples, internal_format=SRGB8_ALPHA8)
+        framebuffer = self._gl.ctx.framebuffer([color])
+        framebuffer.depth_mask = True
+        return Target(framebuffer, color, self._gl.attach_depth_stencil(framebuffer, size, samples), size, samples)
+
+    def _delete(self, target: Target) -> None:
+        target.framebuffer.release()
+        target.color.release()
+        self._gl.delete_renderbuffer(target.depth_stencil)
