@@ -20,7 +20,7 @@ from schemas.render import CAMERA_FORMS
 log = logging.getLogger("silhouette.service")
 
 PROBLEM_JSON = "application/problem+json"
-TYPE_PREFIX = "urn:silhouette:problem:"
+TYPE_PREFIX = "/problems/"
 
 STATUS: dict[type[tree.SilhouetteError], tuple[int, str]] = {
     tree.InvalidRequestError: (422, "The request is not valid"),
@@ -98,7 +98,8 @@ def invalid_fields(faults: Iterable[Mapping[str, Any]], names: Mapping[str, str]
     found: dict[str, str] = {}
     for fault in faults:
         field = _field(fault)
-        field = (names or {}).get(field, field)
+        if names is not None:  # a number of a vector is the whole parameter
+            field = names.get(field) or names.get(field.rpartition(".")[0], field)
         if fault["type"] == "json_invalid":
             found.setdefault("body", "the body is not valid JSON")
         else:

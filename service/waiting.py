@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
@@ -38,3 +39,14 @@ async def wait_for(request: Request, future: Future[T], timeout_s: float) -> T:
 async def _gone(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass
+
+
+class Stopwatch:
+    """Milliseconds since it was made."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+
+    def ms(self) -> float:
+        """Milliseconds so far."""
+        return (time.perf_counter() - self._start) * 1e3

@@ -1,0 +1,140 @@
+"""`python -m service`: the HTTP service, with its private queue server and workers unless a Redis is named."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from backend.logs import configure_logs
+from service.embedded import EmbeddedBackend, StartupError
+from service.settings import ServiceSettings
+
+GRACE_S = 3
+"""Seconds that requests under way get to end when the service stops."""
+
+BACKLOG = 512
+
+
+def main() -> int:
+    """Run the service until SIGINT or SIGTERM; the exit status."""
+    try:
+        settings, while_stdin = parse(sys.argv[1:])
+    except ValidationError as error:
+        for fault in error.errors():
+            print(f"setting {'.'.join(map(str, fault['loc']))}: {fault['msg']}", file=sys.stderr)
+        return 2
+    configure_logs("service", settings.log_level)
+    signal.signal(signal.SIGTERM, _interrupt)
+    if while_stdin:
+        threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
+    try:
+        with _listening(settings) as listener, _backend(settings) as connected:
+            return _serve(connected, listener)
+    except StartupError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 0
+
+
+def parse(arguments: Sequence[str]) -> tuple[ServiceSettings, bool]:
+    """Settings from the environment, overridden by flags; and whether to end with standard input. Raises ValidationError."""
+    parser = argparse.ArgumentParser(prog="python -m service", description="The silhouette service. Every other setting is SILHOUETTE_*.")
+    parser.add_argument("--host", help="address to listen on (127.0.0.1)")
+    parser.add_argument("--port", type=int, help="port to listen on (8000); 0 takes a free one")
+    parser.add_argument("--data-dir", type=Path, help="folder of everything that is kept")
+    parser.add_argument("--workers", type=int, help="worker processes to start (one a processor)")
+    parser.add_argument("--while-stdin", action="store_true", help="end when standard input is closed, as it is when a parent dies")
+    flags = vars(parser.parse_args(arguments))
+    while_stdin = bool(flags.pop("while_stdin"))
+    return ServiceSettings(**{name: value for name, value in flags.items() if value is not None}), while_stdin
+
+
+@contextmanager
+def _listening(settings: ServiceSettings) -> Iterator[socket.socket]:
+    """A bound socket: the port is known, and is ours, before anything is started. Raises StartupError."""
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((settings.host, settings.port))
+        except OSError as error:
+            raise StartupError(f"cannot listen on {settings.host} port {settings.port}: {error.strerror}") from error
+        yield listener
+
+
+@contextmanager
+def _backend(settings: ServiceSettings) -> Iterator[ServiceSettings]:
+    """Settings that name a Redis: the given ones, or those of a private one that runs inside the block."""
+    if settings.redis_url is not None:
+        yield settings
+        return
+    store = {} if settings.store_url is None else {"SILHOUETTE_STORE_URL": settings.store_url}
+    backend = EmbeddedBackend(settings.data_dir, settings.workers, {**store, "SILHOUETTE_LOG_LEVEL": settings.log_level})
+    backend.start()
+    try:
+        yield settings.model_copy(update={"redis_url": backend.redis_url})
+    finally:
+        for number in (signal.SIGINT, signal.SIGTERM):  # one is enough: a second must not leave the children behind
+            signal.signal(number, signal.SIG_IGN)
+        backend.stop()
+
+
+def _serve(settings: ServiceSettings, listener: socket.socket) -> int:
+    import uvicorn
+
+    from service.app import create_app
+
+    app = create_app(settings)
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        backlog=BACKLOG,
+        timeout_graceful_shutdown=GRACE_S,
+        lifespan="on",
+    )
+    server = uvicorn.Server(config)
+
+    async def run() -> int:
+        serving = asyncio.create_task(server.serve(sockets=[listener]))
+        while not (server.started or serving.done()):
+            await asyncio.sleep(0.01)
+        fault = app.state.services.renderer_fault if server.started else "the service did not start; see the log"
+        if fault is None:
+            host, port = listener.getsockname()[:2]
+            print(f"Silhouette Service on http://{f'[{host}]' if ':' in host else host}:{port}", flush=True)
+        else:
+            print(f"error: {fault}", file=sys.stderr)
+            server.should_exit = True
+        await serving
+        return 0 if fault is None else 1
+
+    with asyncio.Runner(loop_factory=config.get_loop_factory()) as runner:
+        return runner.run(run())
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _end_with_stdin() -> None:
+    while sys.stdin.buffer.read(4096):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""The application: what it holds, from start to end, and which routes there are."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from importlib.metadata import version
+
+import redis
+from anyio import to_thread
+from fastapi import FastAPI
+
+from backend import records
+from backend.queue import JobQueue
+from schemas.errors import SilhouetteError
+from service import errors
+from service.assets import AssetCache
+from service.body_limit import BodyLimit
+from service.meshes import Meshes
+from service.render.context import EglUnavailableError
+from service.render.renderer import Renderer
+from service.routes import artifacts, docs, health, meshes, page, render, silhouette
+from service.settings import ServiceSettings
+from service.slots import Slots
+from service.state import Services
+
+log = logging.getLogger("silhouette.service")
+
+ROUTES = (page, docs, meshes, render, silhouette, artifacts, health)
+
+DESCRIPTION = """Upload a heavy mesh once; from then on get any view in milliseconds, without a GPU, with an outline that is exactly
+the original's although only a coarse hull is drawn, or the silhouette itself as JSON or SVG."""
+
+CPU_DEPTH = 64
+"""Short CPU work that may wait; each takes milliseconds."""
+
+
+def create_app(settings: ServiceSettings) -> FastAPI:
+    """The application. It opens store, queue and renderer when it starts, and needs `settings.redis_url` then."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        services = await to_thread.run_sync(_open, settings)
+        app.state.services = services
+        keeper = asyncio.create_task(_reconcile(services), name="reconcile")
+        try:
+            yield
+        finally:
+            keeper.cancel()
+            with suppress(asyncio.CancelledError):
+                await keeper
+            await to_thread.run_sync(_close, services)
+
+    app = FastAPI(
+        title="Silhouette Service",
+        description=DESCRIPTION,
+        version=version("silhouette-service"),
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+    )
+    errors.install(app)
+    app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=frozenset({"/v1/meshes"}))
+    for module in ROUTES:
+        app.include_router(module.router)
+    return app
+
+
+def _open(settings: ServiceSettings) -> Services:
+    queue = JobQueue.open(settings)
+    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib), None
+    try:
+        renderer.start()
+    except EglUnavailableError as error:  # uploads, silhouettes and downloads work without; /readyz says what is missing
+        fault = str(error)
+        log.critical("the renderer did not start: %s", error)
+    return Services(
+        settings=settings,
+        store=queue.store,
+        queue=queue,
+        meshes=Meshes(queue.store, queue.progress),
+        assets=AssetCache(queue.store, settings.asset_cache_mib),
+        renderer=renderer,
+        cpu=Slots(max(2, os.cpu_count() or 1), CPU_DEPTH, "cpu"),
+        renderer_fault=fault,
+    )
+
+
+def _close(services: Services) -> None:
+    services.renderer.close()
+    services.cpu.close()
+    services.queue.redis.close()
+
+
+async def _reconcile(services: Services) -> None:
+    """Every few seconds bring to the queue what was accepted and is not finished, whatever has been lost meanwhile."""
+    settings = services.settings
+    await to_thread.run_sync(records.sweep, services.store, settings.temporary_age_s)
+    while True:
+        try:
+            await to_thread.run_sync(services.queue.reconcile_in_turn, settings.reconcile_interval_s)
+        except (redis.RedisError, SilhouetteError, OSError) as error:
+            log.warning("meshes not compared with the queue: %s", error)
+        await asyncio.sleep(settings.reconcile_interval_s)

@@ -1,0 +1,81 @@
+"""What OpenAPI says where the code alone does not: bodies that are streams, answers that are pictures or problems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel
+
+from schemas.mesh import PreprocessOptions, Problem
+from service.errors import PROBLEM_JSON
+
+PROBLEMS = {
+    404: "There is no such mesh",
+    406: "None of the types in Accept can be produced",
+    409: "The mesh is accepted, but not processed yet",
+    413: "Over the size limit",
+    415: "No loader knows this format",
+    422: "The request is wrong (`errors` names the fields), or the mesh cannot be used",
+    503: "Busy; come back after Retry-After seconds",
+    507: "The store has no room",
+}
+
+IMAGE_HEADERS: dict[str, Any] = {
+    "Server-Timing": {"schema": {"type": "string"}, "description": "milliseconds of each pass"},
+    "X-Plan": {"schema": {"type": "string"}, "description": "the passes that ran, in order"},
+    "X-Accuracy": {"schema": {"type": "string"}, "description": "rung of the ladder, and its error in pixels"},
+    "ETag": {"schema": {"type": "string"}},
+}
+
+RAW_FORMAT = "application/octet-stream"
+
+
+def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI answers for these error statuses."""
+    return {status: {"description": PROBLEMS[status], "content": {PROBLEM_JSON: {"schema": _problem_schema()}}} for status in statuses}
+
+
+def image_answer(*media_types: str) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI answer of a route that gives a picture."""
+    binary = {"schema": {"type": "string", "format": "binary"}}
+    described = {"description": "The picture", "content": dict.fromkeys(media_types, binary), "headers": IMAGE_HEADERS}
+    return {200: described, 304: {"description": "The client has it already"}}
+
+
+def silhouette_answer(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI answer of a route that gives a silhouette."""
+    binary = {"schema": {"type": "string", "format": "binary"}}
+    content = {"application/json": {"schema": model.model_json_schema()}, "image/svg+xml": {}, RAW_FORMAT: binary}
+    headers = {name: IMAGE_HEADERS[name] for name in ("Server-Timing", "ETag")}
+    return {
+        200: {"description": "The silhouette", "content": content, "headers": headers},
+        304: {"description": "The client has it already"},
+    }
+
+
+def _problem_schema() -> dict[str, Any]:
+    return Problem.model_json_schema()
+
+
+def _option_parameters() -> list[dict[str, Any]]:
+    name = {"name": "name", "in": "query", "required": False, "schema": {"type": "string"}, "example": "knot.ply"}
+    name["description"] = "file name; its ending says the format: stl, obj, ply, off, glb, 3mf"
+    fields = PreprocessOptions.model_json_schema()["properties"]
+    return [name, *({"name": key, "in": "query", "required": False, "schema": schema} for key, schema in fields.items())]
+
+
+def _form_schema() -> dict[str, Any]:
+    fields = PreprocessOptions.model_json_schema()["properties"]
+    return {"type": "object", "required": ["file"], "properties": {"file": {"type": "string", "format": "binary"}, **fields}}
+
+
+UPLOAD_BODY: dict[str, Any] = {
+    "parameters": _option_parameters(),
+    "requestBody": {
+        "required": True,
+        "content": {
+            RAW_FORMAT: {"schema": {"type": "string", "format": "binary"}},
+            "multipart/form-data": {"schema": _form_schema()},
+        },
+    },
+}

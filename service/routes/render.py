@@ -1,0 +1,88 @@
+"""Pictures: by request body, by query parameters for `<img src>`, and the thumbnail."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from anyio import to_thread
+from fastapi import APIRouter, Query, Request, Response
+
+from schemas.errors import NotFoundError
+from schemas.render import ImageFormat, RenderRequest
+from service.caching import IMMUTABLE, REVALIDATE, entity_tag, not_modified
+from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format
+from service.render.encode import encode
+from service.render.renderer import RenderedImage
+from service.routes.documented import image_answer, problems
+from service.state import Parts, Services
+from service.view_query import RenderQuery, query_names
+from service.waiting import Stopwatch, wait_for
+
+router = APIRouter(prefix="/v1/meshes/{mesh_id}", tags=["pictures"])
+
+PICTURES: dict[str, Any] = {
+    "response_class": Response,
+    "responses": image_answer(*IMAGE_TYPES.values()) | problems(404, 406, 409, 422, 503),
+}
+
+
+@router.post("/render", **PICTURES)
+async def render(mesh_id: str, body: RenderRequest, request: Request, parts: Parts) -> Response:
+    """One picture. The encoding is `format`, else what Accept asks for, else PNG; raw is RGBA, 4 bytes a pixel, top row first."""
+    wanted = body if body.format else body.model_copy(update={"format": image_format(request.headers.get("accept"))})
+    return await _picture(mesh_id, wanted, request, parts, REVALIDATE)
+
+
+@router.get("/render.{suffix}", **PICTURES)
+async def render_by_query(mesh_id: str, suffix: str, view: Annotated[RenderQuery, Query()], request: Request, parts: Parts) -> Response:
+    """The same as a plain address, for `<img src>`: `/v1/meshes/ID/render.png?azimuth=40&width=640`; png, webp or jpg."""
+    encoding = _encoding(suffix)
+    with query_names():
+        return await _picture(mesh_id, view.request(encoding), request, parts, REVALIDATE)
+
+
+@router.get("/thumbnail.{suffix}", **PICTURES)
+async def thumbnail(
+    mesh_id: str,
+    suffix: str,
+    request: Request,
+    parts: Parts,
+    size: Annotated[int, Query(ge=16, le=1024, description="pixels a side")] = 256,
+) -> Response:
+    """A fitted three-quarter view on a transparent ground, the same for ever: keep it as long as you like."""
+    wanted = RenderRequest(width=size, height=size, format=_encoding(suffix))
+    return await _picture(mesh_id, wanted, request, parts, IMMUTABLE)
+
+
+def _encoding(suffix: str) -> ImageFormat:
+    if suffix not in SUFFIXES:
+        raise NotFoundError("Pictures end with .png, .webp or .jpg.")
+    return SUFFIXES[suffix]
+
+
+async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services, cache_control: str) -> Response:
+    """Render `wanted`, whose format is set, unless the client has it already."""
+    manifest = await to_thread.run_sync(parts.meshes.manifest, mesh_id)
+    tag = entity_tag(mesh_id, "picture", wanted.model_dump_json())
+    if answer := not_modified(request, tag, cache_control):
+        return answer
+    limit_s = parts.settings.render_timeout_s
+    asset = await wait_for(request, parts.cpu.submit(parts.assets.get, manifest), limit_s)
+    image = await wait_for(request, parts.renderer.submit(asset, wanted), limit_s)
+    clock = Stopwatch()
+    encoding = wanted.format or ImageFormat.PNG
+    body = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), limit_s)
+    headers = {"ETag": tag, "Cache-Control": cache_control, "Vary": "Accept", **_told(image, clock.ms())}
+    return Response(body, headers=headers, media_type=IMAGE_TYPES[encoding])
+
+
+def _told(image: RenderedImage, encode_ms: float) -> dict[str, str]:
+    """What a picture says of itself: where the time went, what ran, how exact it is."""
+    passes = [*image.passes, ("encode", encode_ms)]
+    height, width = image.pixels.shape[:2]
+    return {
+        "Server-Timing": ", ".join(f"{name};dur={ms:.3f}" for name, ms in passes),
+        "X-Plan": ", ".join(image.plan),
+        "X-Accuracy": f"rung={image.rung}" + ("" if image.error_px is None else f"; error_px={image.error_px:g}"),
+        "X-Image-Size": f"{width}x{height}",
+    }

@@ -1,0 +1,70 @@
+"""The silhouette itself: edges and contours as JSON, a drawing as SVG, or bare arrays."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from anyio import to_thread
+from fastapi import APIRouter, Query, Request, Response
+
+from schemas.errors import NotFoundError
+from schemas.manifest import Manifest
+from schemas.render import ProjectTo, Silhouette, SilhouetteRequest
+from service.caching import REVALIDATE, entity_tag, not_modified
+from service.negotiation import choose
+from service.routes.documented import problems, silhouette_answer
+from service.silhouette.document import describe_silhouette, silhouette_binary, silhouette_json, silhouette_svg
+from service.state import Parts, Services
+from service.view_query import SilhouetteQuery, query_names
+from service.waiting import Stopwatch, wait_for
+
+router = APIRouter(prefix="/v1/meshes/{mesh_id}", tags=["silhouettes"])
+
+JSON, SVG, BINARY = "application/json", "image/svg+xml", "application/octet-stream"
+WRITERS = {JSON: silhouette_json, SVG: silhouette_svg, BINARY: silhouette_binary}
+SUFFIXES = {"json": JSON, "svg": SVG, "bin": BINARY}
+DRAWING = ProjectTo()
+"""Image of a drawing whose request does not say one."""
+
+ANSWERS: dict[str, Any] = {"response_class": Response, "responses": silhouette_answer(Silhouette) | problems(404, 406, 409, 422, 503)}
+
+
+@router.post("/silhouette", **ANSWERS)
+async def silhouette(mesh_id: str, body: SilhouetteRequest, request: Request, parts: Parts) -> Response:
+    """The silhouette of a view, exactly: `application/json`, `image/svg+xml`, or `application/octet-stream` by Accept."""
+    media = choose(request.headers.get("accept"), list(WRITERS))
+    return await _document(mesh_id, body, media, request, parts)
+
+
+@router.get("/silhouette.{suffix}", **ANSWERS)
+async def silhouette_by_query(
+    mesh_id: str, suffix: str, view: Annotated[SilhouetteQuery, Query()], request: Request, parts: Parts
+) -> Response:
+    """The same as a plain address: `/v1/meshes/ID/silhouette.svg?azimuth=40&width=640`; svg, json or bin."""
+    if suffix not in SUFFIXES:
+        raise NotFoundError("Silhouettes end with .svg, .json or .bin.")
+    with query_names():
+        return await _document(mesh_id, view.request(), SUFFIXES[suffix], request, parts)
+
+
+async def _document(mesh_id: str, wanted: SilhouetteRequest, media: str, request: Request, parts: Services) -> Response:
+    manifest = await to_thread.run_sync(parts.meshes.manifest, mesh_id)
+    if media == SVG:  # a drawing needs an image to lie in, and its lines
+        wanted = wanted.model_copy(update={"project": wanted.project or DRAWING, "contours": True})
+    tag = entity_tag(mesh_id, media, wanted.model_dump_json())
+    if answer := not_modified(request, tag, REVALIDATE):
+        return answer
+    body, passes = await wait_for(request, parts.cpu.submit(_make, parts, manifest, wanted, media), parts.settings.render_timeout_s)
+    timing = ", ".join(f"{name};dur={ms:.3f}" for name, ms in passes)
+    headers = {"ETag": tag, "Cache-Control": REVALIDATE, "Vary": "Accept", "Server-Timing": timing}
+    return Response(body, headers=headers, media_type=media)
+
+
+def _make(parts: Services, manifest: Manifest, wanted: SilhouetteRequest, media: str) -> tuple[bytes, list[tuple[str, float]]]:
+    """The document, and what each step took; no GL."""
+    asset = parts.assets.get(manifest)
+    clock = Stopwatch()
+    described = describe_silhouette(asset, wanted)
+    extract_ms = clock.ms()
+    body = WRITERS[media](described)
+    return body, [("extract", extract_ms), ("write", clock.ms() - extract_ms)]

@@ -1,0 +1,41 @@
+"""What a running service holds; made once by `service.app`, handed to every route."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, cast
+
+from fastapi import Depends, Request
+
+from backend.queue import JobQueue
+from backend.store import Store
+from service.assets import AssetCache
+from service.meshes import Meshes
+from service.render.renderer import Renderer
+from service.settings import ServiceSettings
+from service.slots import Slots
+
+
+@dataclass(frozen=True)
+class Services:
+    """The parts that routes work with. `cpu` runs what would hold up the event loop: mapping artifacts, extraction, encoding.
+
+    renderer_fault: why the renderer did not start, for people; None when it draws.
+    """
+
+    settings: ServiceSettings
+    store: Store
+    queue: JobQueue
+    meshes: Meshes
+    assets: AssetCache
+    renderer: Renderer
+    cpu: Slots
+    renderer_fault: str | None
+
+
+def _services(request: Request) -> Services:
+    return cast(Services, request.app.state.services)
+
+
+Parts = Annotated[Services, Depends(_services)]
+"""Parameter type of a route that needs the parts."""
