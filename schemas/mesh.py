@@ -74,6 +74,13 @@ class MeshStats(BaseModel):
     bounds: list[list[float]] = Field(description="[[min x, y, z], [max x, y, z]]")
 
 
+class BoundingSphere(BaseModel):
+    """Sphere around the mesh, in model units: what an orbit camera turns about and fits into the image."""
+
+    centre: tuple[float, float, float]
+    radius: float
+
+
 class Capability(BaseModel):
     """Whether the mesh can do something, and why not."""
 
@@ -96,6 +103,7 @@ class MeshInfo(BaseModel):
     status: MeshStatus
     stages: list[Stage] = []
     stats: MeshStats | None = None
+    sphere: BoundingSphere | None = None
     capabilities: dict[str, Capability] = {}
     hull: HullInfo | None = None
     repairs: dict[str, Any] | None = Field(None, description="what loading changed: welded vertices, closed holes, flipped components, ...")

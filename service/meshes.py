@@ -14,7 +14,7 @@ from schemas.errors import InvalidRequestError, NotFoundError, NotReadyError
 from schemas.jobs import STAGES
 from schemas.keys import MESH_ID, MESHES
 from schemas.manifest import Accepted, Manifest, StageRecord
-from schemas.mesh import MeshInfo, MeshPage, MeshStatus, Problem, Stage, StageStatus
+from schemas.mesh import BoundingSphere, MeshInfo, MeshPage, MeshStatus, Problem, Stage, StageStatus
 from service.errors import FailedMeshError
 
 NO_SUCH_MESH = "There is no such mesh; it may have been deleted."
@@ -101,6 +101,7 @@ def _ended(accepted: Accepted, manifest: Manifest) -> MeshInfo:
         status=MeshStatus(manifest.status),
         stages=[_stage(name, by_name.get(name), None) for name in STAGES],
         stats=manifest.stats,
+        sphere=BoundingSphere(centre=manifest.frame.centre, radius=manifest.frame.scale) if manifest.frame else None,
         capabilities=manifest.capabilities,
         hull=manifest.hull,
         repairs=manifest.repairs,

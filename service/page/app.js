@@ -3,7 +3,8 @@
 const at = (id) => document.getElementById(id);
 const view = at("view"), picture = at("picture"), outline = at("outline"), controls = at("controls");
 const camera = { azimuth: 30, elevation: 20, zoom: 1 };
-const NEAREST = 0.25, FARTHEST = 4;
+const NEAREST = 0.05, FARTHEST = 4;  // zoom, as a part of the fitted view's height
+const FIT_MARGIN = 1.02;
 let chosen = null;      // MeshInfo that is shown
 let watching = null;    // EventSource of a mesh in work
 let wanted = false, busy = false;
@@ -176,11 +177,8 @@ async function frame(mesh) {
 }
 
 function orbitDistance(mesh, aspect) {
-  if (!mesh.stats) return null;
-  const [low, high] = mesh.stats.bounds;
-  const radius = Math.hypot(...low.map((x, i) => (high[i] - x) / 2));
-  const narrow = Math.min(1, aspect) * Math.tan(Math.PI / 8);
-  return radius / Math.sin(Math.atan(narrow));
+  if (!mesh.sphere) return null;
+  return mesh.sphere.radius * FIT_MARGIN / Math.sin(Math.atan(Math.min(1, aspect) * Math.tan(Math.PI / 8)));
 }
 
 async function show(image, blob) {
