@@ -47,9 +47,11 @@ class _Solid:
         winding, on = verify_enclosure.winding_numbers(self.positions, self.faces, self.order, self.boxes, points)
         return winding, on
 
-    def distance(self, points: F8) -> F8:
-        _, _, square = bake_boxes.closest_points(self.positions, self.faces, self.order, self.boxes, points)
-        return np.asarray(np.sqrt(square))
+    def height(self, points: F8) -> F8:
+        """(n,) f8 distance of points (n, 3) f8; exactly 0 for those in the plane of the face that is closest."""
+        face, _, square = bake_boxes.closest_points(self.positions, self.faces, self.order, self.boxes, points)
+        side = verify_enclosure.plane_sides(self.positions, self.faces, face, points)
+        return np.where((side == 0) & (square <= TOLERANCE**2), 0.0, np.sqrt(square))
 
     def crossings(self, other: _Solid) -> I4:
         """(n, 2) i4: (edge of other, face of this one) pairs that cross."""
@@ -88,7 +90,7 @@ def _require_inside(original: _Solid, hull: _Solid, points: F8, at: Values, mess
     outside = np.flatnonzero((winding <= 0) & ~on)
     if not len(outside):
         return 0
-    distance = hull.distance(points[outside])
+    distance = hull.height(points[outside])
     far = distance > TOLERANCE
     if np.any(far):
         # a surface with no interior behind it, as where the original turns itself inside out, need not be enclosed

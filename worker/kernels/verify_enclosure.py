@@ -95,6 +95,17 @@ def winding_numbers(positions, faces, order, boxes, points):
 
 
 @njit(cache=True)
+def plane_sides(positions, faces, face, points):
+    """(n,) i4: exact side of points (n, 3) f8 of the planes of faces[face], face (n,) i4: 1 outside, 0 on, -1 inside."""
+    sides = np.empty(points.shape[0], np.int32)
+    for n in range(points.shape[0]):
+        f = face[n]
+        a, b, c = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
+        sides[n] = orient_sign(a, b, c, points[n, 0], points[n, 1], points[n, 2], 1.0)
+    return sides
+
+
+@njit(cache=True)
 def _crosses(p, q, a, b, c):
     """Whether the segment from p to q has its ends strictly on two sides of the triangle's plane and meets the triangle."""
     first = orient_sign(a, b, c, np.float64(p[0]), np.float64(p[1]), np.float64(p[2]), 1.0)
