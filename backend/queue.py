@@ -140,12 +140,24 @@ class JobQueue:
     def restart_abandoned(self) -> None:
         """Start the jobs again whose workers are gone. Only for the owner of all workers, before it starts any."""
         self._started().cleanup(timestamp=time.time() + 1e9)
+        self._return_taken()
 
     def release_started(self) -> None:
         """Forget the jobs that were stopped on purpose, so that it does not count as an attempt. All workers must be gone."""
         for entry in self._started_entries():
             self.redis.zrem(self._started().key, entry)
             self._delete_job(entry.partition(":")[0])
+        self._return_taken()
+
+    def _return_taken(self) -> None:
+        """Put back what a worker had taken but not begun; RQ itself waits for a minute."""
+        taken = self.queue.intermediate_queue_key
+        for job_id in cast(list[bytes], self.redis.lrange(taken, 0, -1)):
+            with self.redis.pipeline(transaction=True) as pipe:
+                pipe.lrem(taken, 0, job_id.decode())
+                pipe.lrem(self.queue.key, 0, job_id.decode())
+                pipe.lpush(self.queue.key, job_id)
+                pipe.execute()
 
     def _finish(self, mesh_id: str) -> None:
         with contextlib.suppress(CancelledError), records.publishing(self.store, mesh_id):

@@ -1,5 +1,6 @@
 import json
 import threading
+import time
 
 import pytest
 import redis
@@ -246,3 +247,39 @@ def test_reconciling_takes_turns(store, queue):
     queue.reconcile_in_turn(10.0)
     assert waiting(queue) == ["load"]
     assert 0 < queue.redis.pttl("silhouette:reconciling") <= 10_000
+
+
+def begin(queue, mesh_id, stage):
+    """What a worker does with a job it has taken."""
+    job = fetch(queue, mesh_id, stage)
+    job.set_status(JobStatus.STARTED)
+    queue.redis.lrem(queue.queue.intermediate_queue_key, 0, job.id)
+    queue.redis.zadd(queue._started().key, {f"{job.id}:execution": time.time() + 10})
+
+
+def test_the_owner_of_dead_workers_starts_their_jobs_again_at_the_cost_of_an_attempt(store, queue):
+    mesh_id = accept(store)
+    queue.advance(mesh_id)
+    take(queue)
+    queue.restart_abandoned()
+    assert waiting(queue) == ["load"]
+    assert fetch(queue, mesh_id, "load").retries_left == 3
+    take(queue)
+    begin(queue, mesh_id, "load")
+    queue.restart_abandoned()
+    assert waiting(queue) == ["load"]
+    assert fetch(queue, mesh_id, "load").retries_left == 2
+    queue.reconcile()
+    assert waiting(queue) == ["load"]
+
+
+def test_jobs_stopped_on_purpose_keep_their_attempts(store, queue):
+    mesh_id = accept(store)
+    queue.advance(mesh_id)
+    take(queue)
+    begin(queue, mesh_id, "load")
+    queue.release_started()
+    assert waiting(queue) == []
+    queue.reconcile()
+    assert waiting(queue) == ["load"]
+    assert fetch(queue, mesh_id, "load").retries_left == 3

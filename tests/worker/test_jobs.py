@@ -282,7 +282,7 @@ def stage_runs(queue, mesh_id, stage):
 def test_a_killed_workers_stage_runs_again_and_earlier_stages_do_not(tmp_path):
     backend, queue = start(tmp_path, 1)
     try:
-        mesh_id = accept(queue.store, large(), name="a.ply", texels=64)
+        mesh_id = accept(queue.store, large(), name="a.ply", texels=256)
         queue.advance(mesh_id)
         wait_for(lambda: stage_runs(queue, mesh_id, "hull"))
         loaded = queue.store.local_path(keys.stage_record(mesh_id, "load")).stat().st_mtime_ns
@@ -335,7 +335,7 @@ def test_deleting_during_a_stage_leaves_nothing(running, stage):
 @pytest.mark.heavy
 def test_stopping_is_quick_during_a_stage_and_the_next_start_goes_on(tmp_path):
     backend, queue = start(tmp_path, 1)
-    mesh_id = accept(queue.store, large(), name="a.ply", texels=64)
+    mesh_id = accept(queue.store, large(), name="a.ply", texels=256)
     queue.advance(mesh_id)
     wait_for(lambda: stage_runs(queue, mesh_id, "hull"))
     started = time.monotonic()
@@ -345,5 +345,34 @@ def test_stopping_is_quick_during_a_stage_and_the_next_start_goes_on(tmp_path):
     try:
         wait_for(lambda: "hull" in queue.progress.read(mesh_id), 10.0)
         assert finished(queue, mesh_id).status == "ready"
+    finally:
+        backend.stop()
+
+
+def children_of(pid):
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+@pytest.mark.heavy
+def test_a_stage_whose_process_always_dies_fails_the_mesh_and_not_the_worker(tmp_path):
+    backend, queue = start(tmp_path, 1)
+    try:
+        wait_for(lambda: "worker-1" in backend.pids())
+        worker = backend.pids()["worker-1"]
+        mesh_id = accept(queue.store, large(), name="a.ply", texels=256)
+        queue.advance(mesh_id)
+        killed = set()
+
+        def kill_all_or_ended():
+            for pid in set(children_of(worker)) - killed:
+                os.kill(pid, signal.SIGKILL)
+                killed.add(pid)
+            return records.read_manifest(queue.store, mesh_id)
+
+        manifest = wait_for(kill_all_or_ended)
+        assert len(killed) == 4
+        assert manifest.status == "failed"
+        assert manifest.error.model_extra["code"] == "stage-failed"
+        assert backend.pids()["worker-1"] == worker
     finally:
         backend.stop()
