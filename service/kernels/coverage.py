@@ -162,12 +162,13 @@ def _simple(now):
 
 @njit(cache=True, nogil=True)
 def sweep(sums, state, state8, base, mask, x0, y0, x1, y1, doubtful):
-    """Sum along the rows into mask (h, w) u1; returns how many pixels are doubtful.
+    """Sum along the rows into mask (h, w) u1; returns (how many pixels are doubtful, end of the columns written).
 
-    Those get the state DOUBTFUL, their sum in `sums` and their place (row * columns + column) in doubtful. state8 is state
-    as u8 words: where a word is zero, eight pixels have the value of the one before.
+    Rows that are still covered at x1 are so to the end. Doubtful pixels get the state DOUBTFUL, their sum in `sums` and their
+    place (row * columns + column) in doubtful. state8 is state as u8 words: where a word is zero, eight pixels have the value
+    of the one before.
     """
-    count = 0
+    count, end_column = 0, x1
     columns = x1 - x0
     for row in range(y1 - y0):
         total = base
@@ -191,7 +192,13 @@ def sweep(sums, state, state8, base, mask, x0, y0, x1, y1, doubtful):
                     sums[row, column] = total
                     doubtful[count] = row * state.shape[1] + column
                     count += 1
-    return count
+        if state[row, columns] & SUMMED:
+            total += sums[row, columns]
+        value = np.uint8(min(max(total, 0.0), 1.0) * 255.0 + 0.5)
+        if value and x1 < mask.shape[1]:
+            line[x1:] = value
+            end_column = mask.shape[1]
+    return count, end_column
 
 
 @njit(cache=True, nogil=True)

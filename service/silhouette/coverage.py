@@ -88,19 +88,19 @@ def coverage_mask(segments: F8, width: int, height: int, out: U1 | None = None, 
         kernels.accumulate(pieces, pixels, count, x0, y0, sums, state)
         goes += 1
     doubtful = _scratch.array("doubtful", (min(room * goes, state.size),), np.int32)
-    found = kernels.sweep(sums, state, state.view(np.uint64), float(base), out, x0, y0, x1, y1, doubtful)
+    found, end = kernels.sweep(sums, state, state.view(np.uint64), float(base), out, x0, y0, x1, y1, doubtful)
     if found and goes == 1:
         number = _scratch.array("number", (state.size,), np.int32)
         own, offsets = coverage_pixels.gather(pieces[:count], pixels, x0, y0, state, doubtful[:found], number)
         coverage_pixels.resolve(own, offsets, doubtful[:found], sums.reshape(-1), shape[1], out, x0, y0)
-    return Coverage(out, (x0, y0, x1, y1), found)
+    return Coverage(out, (x0, y0, end, y1), found)
 
 
 def _bounds(lines: F8, width: int, height: int) -> tuple[int, int, int, int]:
-    """The pixels that polygons of these lines can touch."""
+    """The pixels these lines can touch, and the first column when they are left of the image."""
     low_x, low_y, high_x, high_y = kernels.extent(lines)
     if not max(-low_x, -low_y, high_x, high_y) <= FARTHEST_PX:
         raise ValueError("segments must be finite")
     x0, y0 = int(min(max(low_x, 0.0), width)), int(min(max(low_y, 0.0), height))
-    x1, y1 = int(min(max(np.floor(high_x) + 1.0, 0.0), width)), int(min(max(np.floor(high_y) + 1.0, 0.0), height))
+    x1, y1 = int(min(max(np.floor(high_x) + 1.0, 1.0), width)), int(min(max(np.floor(high_y) + 1.0, 0.0), height))
     return x0, y0, x1, y1

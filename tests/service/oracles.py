@@ -1,0 +1,76 @@
+"""Slow answers that need no cleverness, to check the fast ones against."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from geometry.predicates import front_facing
+from geometry.topology import build_edges
+
+
+def silhouette(positions, faces, eye):
+    """(s, 2) i4 directed silhouette edges of a closed mesh by the facing rule."""
+    table = build_edges(faces)
+    front = front_facing(positions, faces, eye)
+    left, right = front[table.faces[:, 0]], front[table.faces[:, 1]]
+    return np.ascontiguousarray(np.concatenate([table.vertices[left & ~right], table.vertices[right & ~left][:, ::-1]]), np.int32)
+
+
+def _crossing_heights(a, b):
+    (ax, ay, bx, by), (cx, cy, dx, dy) = a, b
+    area = (bx - ax) * (dy - cy) - (by - ay) * (dx - cx)
+    if area == 0:
+        return []
+    t = ((cx - ax) * (dy - cy) - (cy - ay) * (dx - cx)) / area
+    return [ay + t * (by - ay)] if 0 <= t <= 1 else []
+
+
+def positive_area(segments, width, height):
+    """(h, w) f8: the area of each pixel where the winding number is positive, in rational arithmetic."""
+    lines = [tuple(Fraction(float(c)) for c in s) for s in segments]
+    sides = [(Fraction(x), Fraction(-(10**12)), Fraction(x), Fraction(10**12)) for x in range(width + 1)]
+    heights = {Fraction(y) for y in range(height + 1)}
+    for a in lines:
+        heights.update((a[1], a[3]))
+        for side in sides:
+            heights.update(_crossing_heights(a, side))
+    for a, b in combinations(lines, 2):
+        heights.update(_crossing_heights(a, b))
+    area = [[Fraction(0)] * width for _ in range(height)]
+    ordered = sorted(y for y in heights if 0 <= y <= height)
+    for top, bottom in pairwise(ordered):
+        middle = (top + bottom) / 2
+        for column, covered in enumerate(_covered_columns(lines, middle, width)):
+            area[int(middle)][column] += covered * (bottom - top)
+    return np.array(area, np.float64)
+
+
+def _covered_columns(lines, y, width):
+    crossings = sorted((xa + (y - ya) * (xb - xa) / (yb - ya), 1 if yb > ya else -1) for xa, ya, xb, yb in lines if (ya < y) != (yb < y))
+    covered, winding, before = [Fraction(0)] * width, 0, None
+    for x, rise in crossings:
+        if winding > 0:
+            for column in range(max(0, int(before) - 1), min(width, int(x) + 1)):
+                covered[column] += max(Fraction(0), min(x, Fraction(column + 1)) - max(before, Fraction(column)))
+        winding, before = winding + rise, x
+    return covered
+
+
+def covered_by_rays(view, positions, faces, samples):
+    """(h, w) f8: part of samples^2 rays of each pixel that meet a front-facing face in front of the eye. Any eye, any pose."""
+    m = view.matrix
+    homogeneous = np.asarray(positions, np.float64) @ m[:, :3].T + m[:, 3]
+    x = (np.arange(view.width * samples) + 0.5) / samples / view.width * 2 - 1
+    y = 1 - (np.arange(view.height * samples) + 0.5) / samples / view.height * 2
+    hit = np.zeros((len(y), len(x)), bool)
+    for corners in homogeneous[faces]:
+        # the plane of a ray's pixel column is a = u - x w = 0, of its row b = v - y w = 0: both linear in space
+        a = corners[:, 0, None] - x * corners[:, 3, None]
+        b = corners[:, 1, None] - y * corners[:, 3, None]
+        sides = [a[i][None, :] * b[j][:, None] - a[j][None, :] * b[i][:, None] for i, j in ((1, 2), (2, 0), (0, 1))]
+        depth = sum(s * c for s, c in zip(sides, corners[:, 3], strict=True))
+        hit |= (sides[0] > 0) & (sides[1] > 0) & (sides[2] > 0) & (depth > 0)
+    return hit.reshape(view.height, samples, view.width, samples).mean(axis=(1, 3))
