@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from threading import BrokenBarrierError
 from typing import Any
 
 import numpy as np
@@ -35,10 +36,12 @@ class Workplace:
         self.folder, self.mesh, self.hull_faces, self.texels = folder, mesh, hull_faces, texels
 
     def put(self, name: str, arrays: Values) -> None:
+        """Hand on the arrays of an artifact."""
         with (self.folder / f"{name}.npz").open("wb") as file:
             np.savez(file, **arrays)
 
     def get(self, name: str) -> Values:
+        """The arrays of an artifact."""
         with np.load(self.folder / f"{name}.npz") as stored:
             return dict(stored)
 
@@ -106,14 +109,17 @@ def warm(at: Workplace, names: list[str]) -> None:
         write_ply(str(mesh), *torus_knot(60, 8))
         small = Workplace(Path(folder), mesh, 200, 128)
         last = max(list(STAGES).index(name) for name in names)
-        for name in list(STAGES)[: last + 1]:
-            if name in names or last > 0:
-                STAGES[name](small)
+        for stage in list(STAGES.values())[: last + 1]:
+            stage(small)
 
 
 def measured(at: Workplace, names: list[str], barrier: Any, results: Any) -> None:
     """In a process of its own: warm up, wait for the others, run the stages, report."""
-    warm(at, names)
+    try:
+        warm(at, names)
+    except BaseException:
+        barrier.abort()
+        raise
     barrier.wait()
     started = time.perf_counter()
     facts: Values = {}
@@ -136,10 +142,11 @@ def side_by_side(at: Workplace, *lines: list[str]) -> tuple[float, list[Values]]
         for child in children:
             child.join()
         wall = time.perf_counter() - started
-        failed = [child.exitcode for child in children if child.exitcode]
-        if failed:
+        if any(child.exitcode for child in children):
             raise SystemExit("a stage failed; its process says why above")
         return wall, [results.get(timeout=10.0) for _ in lines]
+    except BrokenBarrierError:
+        raise SystemExit("a stage failed on a small mesh; its process says why above") from None
     finally:
         for child in children:
             child.kill()
@@ -180,9 +187,8 @@ def main() -> None:
     if options.json:
         print(json.dumps(result))
         return
-    print(
-        f"{result['mesh']}: {result['faces']} faces, hull of {result['hull_faces']}, {result['missed_texels']} of {result['texels']} texels missed"
-    )
+    missed = f"{result['missed_texels']} of {result['texels']} texels missed"
+    print(f"{result['mesh']}: {result['faces']} faces, hull of {result['hull_faces']}, {missed}")
     for stage in result["stages"]:
         print(f"  {stage['name']:<8}{stage['seconds']:9.2f} s {stage['peak_mib']:9.0f} MiB")
     print(f"  {'total':<8}{result['total_seconds']:9.2f} s {result['peak_mib']:9.0f} MiB")
