@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.topology import EdgeTable, NotManifoldError, build_edges, face_components, vertex_normals
+from geometry.topology import EdgeTable, face_components, vertex_normals
 from schemas.conventions import F4, I4, Array, Frame
 from schemas.mesh import Capability, MeshStats, PreprocessOptions
 from worker.loading.faults import rejected
@@ -17,8 +17,9 @@ from worker.loading.limits import LoadLimits
 from worker.loading.parse import Parsed
 from worker.loading.sandbox import parse_limited
 from worker.loading.sniff import normal_extension
-from worker.loading.surface import Surface
-from worker.loading.weld import drop_collapsed, drop_duplicates, weld
+from worker.loading.repair import drop_no_faces, edges_and_clip, repair
+from worker.loading.surface import Surface, half_edges
+from worker.loading.weld import weld
 
 Progress = Callable[[float], None]
 
@@ -47,8 +48,11 @@ def _silent(_: float) -> None:
     return None
 
 
+DEFAULT_LIMITS = LoadLimits()
+
+
 def load_mesh(
-    path: Path, extension: str, options: PreprocessOptions, limits: LoadLimits = LoadLimits(), progress: Progress = _silent
+    path: Path, extension: str, options: PreprocessOptions, limits: LoadLimits = DEFAULT_LIMITS, progress: Progress = _silent
 ) -> LoadedMesh:
     """Load an upload of the format its extension names.
 
@@ -65,25 +69,19 @@ def build(parsed: Parsed, options: PreprocessOptions, progress: Progress = _sile
     """The mesh of a parsed file: everything after parsing. Raises MeshRejectedError."""
     repairs: dict[str, Any] = dict(parsed.notes)
     frame, surface = _framed(parsed, repairs)
+    surface = drop_no_faces(surface, repairs)
+    if options.repair == "auto":
+        surface = repair(surface, repairs, lambda part: progress(0.5 + 0.4 * part))
+        if not len(surface.faces):
+            raise rejected("no-faces", "No face of the mesh has any area.")
     surface, _ = surface.compact()
+    edges, clip = edges_and_clip(surface)
+    progress(0.95)
     faces = np.ascontiguousarray(surface.faces, np.int32)
-    try:
-        edges, clip = build_edges(faces), Capability(available=True)
-    except NotManifoldError:
-        edges, clip = None, Capability(available=False, reason="the surface is not closed")
+    normals = vertex_normals(surface.positions, faces)
+    stats = _stats(frame, surface, edges)
     progress(1.0)
-    stats = _stats(frame, surface.positions, faces, edges)
-    return LoadedMesh(
-        frame,
-        surface.positions,
-        faces,
-        vertex_normals(surface.positions, faces),
-        edges,
-        _appearance(parsed, surface.corners),
-        stats,
-        clip,
-        repairs,
-    )
+    return LoadedMesh(frame, surface.positions, faces, normals, edges, _appearance(parsed, surface.corners), stats, clip, repairs)
 
 
 def _framed(parsed: Parsed, repairs: dict[str, Any]) -> tuple[Frame, Surface]:
@@ -104,10 +102,6 @@ def _framed(parsed: Parsed, repairs: dict[str, Any]) -> tuple[Frame, Surface]:
     surface = Surface(normalised[kept], number[index[parsed.faces]], corners)
     repairs["removed_unreferenced_vertices"] = int(len(used) - used.sum())
     repairs["welded_vertices"] = len(points) - len(kept)
-    surface, repairs["dropped_collapsed_faces"] = drop_collapsed(surface)
-    if not len(surface.faces):
-        raise rejected("no-faces", "No face of the mesh has three different corners.")
-    surface, repairs["dropped_duplicate_faces"] = drop_duplicates(surface)
     return frame, surface
 
 
@@ -121,15 +115,16 @@ def _appearance(parsed: Parsed, corners: Array) -> dict[str, Array] | None:
     return taken
 
 
-def _stats(frame: Frame, positions: F4, faces: I4, edges: EdgeTable | None) -> MeshStats:
-    _, components = face_components(faces, len(positions))
-    model = frame.to_model(positions)
+def _stats(frame: Frame, surface: Surface, edges: EdgeTable | None) -> MeshStats:
+    table = half_edges(surface.faces)
+    _, components = face_components(surface.faces.astype(np.int32), len(surface.positions))
+    model = frame.to_model(surface.positions)
     return MeshStats(
-        vertices=len(positions),
-        faces=len(faces),
-        edges=len(edges.vertices) if edges else 0,
+        vertices=len(surface.positions),
+        faces=len(surface.faces),
+        edges=len(table.counts),
         components=int(components),
         closed=edges is not None,
-        oriented=edges is not None,
+        oriented=not (table.balances[table.counts == 2]).any(),
         bounds=[model.min(axis=0).tolist(), model.max(axis=0).tolist()],
     )

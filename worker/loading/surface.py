@@ -1,12 +1,16 @@
-"""The mesh between the repair steps."""
+"""The mesh between the repair steps, and its half-edges."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from schemas.conventions import F4, Array, F8
+from schemas.conventions import F4
+
+Index = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -18,23 +22,23 @@ class Surface:
     """
 
     positions: F4
-    faces: Array
-    corners: Array
+    faces: Index
+    corners: Index
 
-    def kept(self, which: Array) -> Surface:
+    def kept(self, which: Mask | Index) -> Surface:
         """Only the faces of a mask or index array."""
         return replace(self, faces=self.faces[which], corners=self.corners[which])
 
-    def flipped(self, which: Array) -> Surface:
+    def flipped(self, which: Mask) -> Surface:
         """With the faces of a (f,) mask turned round."""
-        order = np.where(np.asarray(which)[:, None], [0, 2, 1], [0, 1, 2])
+        order = np.where(which[:, None], [0, 2, 1], [0, 1, 2])
         return replace(
             self,
             faces=np.take_along_axis(self.faces, order, axis=1),
             corners=np.take_along_axis(self.corners, order, axis=1),
         )
 
-    def extended(self, faces: Array, corners: Array) -> Surface:
+    def extended(self, faces: Index, corners: Index) -> Surface:
         """With more faces at the end."""
         return replace(self, faces=np.concatenate([self.faces, faces]), corners=np.concatenate([self.corners, corners]))
 
@@ -46,6 +50,38 @@ class Surface:
         return Surface(self.positions[used], number[self.faces], self.corners), int(len(used) - used.sum())
 
 
-def doubles(positions: Array) -> F8:
-    """(v, 3) f8 copy of stored positions: sums and products of them are taken in doubles."""
-    return np.asarray(positions, np.float64)
+@dataclass(frozen=True)
+class HalfEdges:
+    """Half-edges grouped by undirected edge; half-edge 3 f + k goes from corner k of face f to corner k + 1.
+
+    order (3 f,): half-edges, those of one edge together; start (e + 1,): where each edge's begin in `order`;
+    forward (3 f,): whether a half-edge goes from its smaller vertex to the larger; edge (3 f,): its edge.
+    """
+
+    order: Index
+    start: Index
+    forward: Mask
+    edge: Index
+
+    @property
+    def counts(self) -> Index:
+        """(e,) faces at each edge."""
+        return np.diff(self.start)
+
+    @property
+    def balances(self) -> Index:
+        """(e,) forward minus backward half-edges."""
+        return np.add.reduceat(np.where(self.forward[self.order], 1, -1), self.start[:-1])
+
+
+def half_edges(faces: Index) -> HalfEdges:
+    """The half-edges of (f, 3) faces without repeated vertices, f > 0."""
+    half = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    key = half.min(axis=1) * (faces.max() + 1) + half.max(axis=1)
+    order = np.argsort(key, kind="stable")
+    ranked = key[order]
+    new = np.ones(len(ranked), bool)
+    new[1:] = ranked[1:] != ranked[:-1]
+    edge = np.empty(len(key), np.int64)
+    edge[order] = np.cumsum(new) - 1
+    return HalfEdges(order, np.append(np.flatnonzero(new), len(key)), half[:, 0] < half[:, 1], edge)

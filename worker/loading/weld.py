@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.conventions import F4, Array
-from worker.loading.surface import Surface
-
-Edges = Array
+from schemas.conventions import F4
+from worker.loading.surface import Index, Mask, Surface
 
 
-def weld(positions: F4) -> tuple[Array, Array]:
+def weld(positions: F4) -> tuple[Index, Index]:
     """(kept (k,) indices, number (n,)): vertices of equal float32 positions become one, in order of first appearance.
 
     positions (n, 3) f4; negative zeros count as zeros. Kept vertex number[i] stands for vertex i.
@@ -36,7 +34,7 @@ def drop_collapsed(surface: Surface) -> tuple[Surface, int]:
     return (surface, 0) if good.all() else (surface.kept(good), int((~good).sum()))
 
 
-def edge_parity(faces: Array, vertex_count: int) -> tuple[Array, Array]:
+def edge_parity(faces: Index, vertex_count: int) -> tuple[Index, Index]:
     """((f, 3) number of each face's edge k -> k + 1 regardless of direction, (e,) faces at that edge)."""
     half = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     key = half.min(axis=1) * np.int64(vertex_count) + half.max(axis=1)
@@ -69,7 +67,7 @@ def drop_duplicates(surface: Surface) -> tuple[Surface, int]:
     return surface.kept(alive), int((~alive).sum())
 
 
-def _coincident(faces: Array) -> tuple[Array, Array]:
+def _coincident(faces: Index) -> tuple[Index, Index]:
     """((f,) number of each face's vertex set, (f,) direction 0 or 1)."""
     ranked = np.sort(faces, axis=1)
     order = np.lexsort(ranked.T[::-1])
@@ -83,7 +81,7 @@ def _coincident(faces: Array) -> tuple[Array, Array]:
     return group, turn
 
 
-def _restore(alive: Array, extra: Array, edge: Array, count: Array) -> None:
+def _restore(alive: Mask, extra: Mask, edge: Index, count: Index) -> None:
     """Bring back the extras at edges that were even and would be odd, until there is no such edge."""
     while True:
         left = np.bincount(edge[alive].ravel(), minlength=len(count))
@@ -94,7 +92,7 @@ def _restore(alive: Array, extra: Array, edge: Array, count: Array) -> None:
         alive[back] = True
 
 
-def _opposite_pairs(group: Array, turn: Array, alive: Array) -> Array:
+def _opposite_pairs(group: Index, turn: Index, alive: Mask) -> Index:
     """The second face of each pair that has exactly one living face in either direction."""
     index = np.flatnonzero(alive)
     ups, downs = (np.bincount(group[index[turn[index] == k]], minlength=group.max() + 1) for k in (0, 1))

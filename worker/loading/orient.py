@@ -1,0 +1,121 @@
+"""Directions of faces: first all of a patch the same way, then every body outward.
+
+A closed component whose signed volume is negative is turned round, with one exception: where the file's directions agree
+everywhere and the component lies inside the solid that the others bound, it is a cavity and stays as it is. A file that is
+inside out as a whole (its total volume is negative) is turned round as a whole first, its cavities with it. Components that
+are not closed have no inside; they keep the direction of most of their faces in the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.topology import face_components
+from schemas.conventions import F8
+from worker.kernels.load_around_edge import neighbours_around
+from worker.kernels.load_inside import winding_number
+from worker.kernels.load_union import directions
+from worker.loading.manifold import MOST_FACES
+from worker.loading.surface import HalfEdges, Index, Mask, Surface, half_edges
+
+MAX_CAVITY_WORK = 2_000_000_000
+"""Face tests spent on telling cavities from bodies; beyond it, every component is turned outward."""
+FLAT = 1e-12
+"""Signed volume by (area times extent) below which a component is flat and has no outside."""
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Faces turned, and whether the file's own directions agreed everywhere."""
+
+    turned: int
+    agreed: bool
+    one_sided: int
+    """Patches that no directions suit, such as a Moebius strip."""
+
+
+def make_consistent(surface: Surface) -> tuple[Surface, Consistency]:
+    """Turn the fewer faces of each patch, so that neighbours agree across edges of two faces.
+
+    Edges of an even number of faces that do not balance after that join their patches so that going round the edge, faces
+    begin and end a solid in turn.
+    """
+    edges = half_edges(surface.faces)
+    two = np.flatnonzero(edges.counts == 2)
+    pairs = np.column_stack([edges.order[edges.start[two]], edges.order[edges.start[two] + 1]])
+    turn, bad = _turns(pairs, len(pairs), edges, len(surface.faces))
+    after = surface.flipped(turn)
+    crooked = _unbalanced_even(after)
+    if len(crooked):
+        around = neighbours_around(surface.positions, surface.faces, edges.forward, edges.order, edges.start, crooked, MOST_FACES)
+        turn, bad = _turns(np.concatenate([pairs, around]), len(pairs), edges, len(surface.faces))
+        after = surface.flipped(turn)
+    return after, Consistency(int(turn.sum()), not turn.any() and not bad, bad)
+
+
+def _turns(pairs: Index, hard: int, edges: HalfEdges, faces: int) -> tuple[Mask, int]:
+    """(f,) the faces to turn, and how many patches contradict themselves; those stay as they are."""
+    differ = edges.forward[pairs[:, 0]] == edges.forward[pairs[:, 1]]
+    patch, turned, bad = directions(pairs // 3, differ, hard, faces)
+    size, ones = np.bincount(patch, minlength=faces), np.bincount(patch, turned, minlength=faces)
+    most = (2.0 * ones > size)[patch]
+    return (turned != most) & ~bad[patch], int(bad[patch[patch == np.arange(faces)]].sum())
+
+
+def _unbalanced_even(surface: Surface) -> Index:
+    edges = half_edges(surface.faces)
+    return np.flatnonzero((edges.counts > 2) & (edges.counts % 2 == 0) & (edges.balances != 0))
+
+
+def orient_outward(surface: Surface, agreed: bool) -> tuple[Surface, int]:
+    """Turn closed components outward; `agreed`: the file's own directions agree, so cavities are meant. Also how many."""
+    component, count = face_components(surface.faces, len(surface.positions))
+    volume, flat = _volumes(surface, component, count)
+    closed = _closed_components(surface, component, count) & ~flat
+    turn = np.zeros(count, bool)
+    if agreed and volume[closed].sum() < 0.0:
+        turn = closed.copy()
+    volume = np.where(turn, -volume, volume)
+    negative = np.flatnonzero(closed & (volume < 0.0))
+    if len(negative):
+        turned = surface.flipped(turn[component])
+        cavity = _cavities(turned, component, negative, closed) if agreed else np.zeros(len(negative), bool)
+        turn[negative[~cavity]] ^= True
+    return surface.flipped(turn[component]), int(turn.sum())
+
+
+def _volumes(surface: Surface, component: Index, count: int) -> tuple[F8, Mask]:
+    """Signed volume of each component about its own middle, and which are flat."""
+    p = surface.positions.astype(np.float64)
+    a, b, c = (p[surface.faces[:, k]] for k in range(3))
+    size = np.bincount(component, minlength=count)
+    centre = np.column_stack([np.bincount(component, a[:, k], count) / size for k in range(3)])[component]
+    a, b, c = a - centre, b - centre, c - centre
+    volume = np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, count)
+    area = np.bincount(component, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0, count)
+    extent = np.zeros(count)
+    np.maximum.at(extent, component, np.abs(a).max(axis=1))
+    return volume, np.abs(volume) <= FLAT * area * extent
+
+
+def _closed_components(surface: Surface, component: Index, count: int) -> Mask:
+    edges = half_edges(surface.faces)
+    closed = np.ones(count, bool)
+    closed[component[edges.order[edges.start[:-1]][edges.balances != 0] // 3]] = False
+    return closed
+
+
+def _cavities(surface: Surface, component: Index, negative: Index, closed: Mask) -> Mask:
+    """Which of the negative components lie inside the solid that the other closed components bound."""
+    solid = closed[component]
+    if len(negative) * int(solid.sum()) > MAX_CAVITY_WORK:
+        return np.zeros(len(negative), bool)
+    faces, label = surface.faces[solid], component[solid]
+    p = surface.positions.astype(np.float64)
+    found = np.zeros(len(negative), bool)
+    for i, c in enumerate(negative):
+        point = p[faces[label == c][0, 0]]
+        found[i] = round(winding_number(p, faces[label != c], point)) >= 1
+    return found
