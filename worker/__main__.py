@@ -23,17 +23,22 @@ from worker.warm import start_compiler, warm_kernels
 log = logging.getLogger("silhouette.worker")
 
 CONNECT_S = 30.0
+FAILED, NOT_CONFIGURED = 1, 2
 
 
 def main() -> int:
     """Run one worker; the exit status. Redis errors end it: whoever keeps it running starts it again."""
     settings = WorkerSettings()
     configure_logs("worker", settings.log_level)
+    if settings.redis_url is None:
+        log.error("SILHOUETTE_REDIS_URL is not set: a worker needs the Redis that its service uses")
+        return NOT_CONFIGURED
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
     log.info("stages: %s", ", ".join(STAGE_FUNCTIONS))
     jobs = JobQueue.open(settings)
     if not wait_for_redis(jobs.redis):
         log.error("the queue does not answer")
-        return 1
+        return FAILED
     if settings.warm_kernels:
         warm_in_background(settings.data_dir)
     start_compiler()
@@ -61,7 +66,7 @@ def warm_in_background(data_dir: Path) -> None:
     if child:
         threading.Thread(target=os.waitpid, args=(child, 0), name="warm", daemon=True).start()
         return
-    status = 1
+    status = FAILED
     try:
         die_with_parent()
         os.nice(10)

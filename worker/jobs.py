@@ -54,6 +54,7 @@ def run_stage(mesh_id: str, stage: str) -> None:
             run_and_record(jobs, mesh_id, stage)
     except CancelledError:
         log.info("stopped: the mesh is gone", extra={"mesh": mesh_id, "stage": stage})
+        jobs.progress.clear(mesh_id)
         return
     except StorageFullError:  # the reconciler starts the stage again, until there is room
         log.exception("no room", extra={"mesh": mesh_id, "stage": stage})
