@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from importlib.metadata import version
@@ -26,6 +27,7 @@ from service.routes import artifacts, docs, health, meshes, page, render, silhou
 from service.settings import ServiceSettings
 from service.slots import Slots
 from service.state import Services
+from service.warm import warm_in_background
 
 log = logging.getLogger("silhouette.service")
 
@@ -33,6 +35,9 @@ ROUTES = (page, docs, meshes, render, silhouette, artifacts, health)
 
 DESCRIPTION = """Upload a heavy mesh once; from then on get any view in milliseconds, without a GPU, with an outline that is exactly
 the original's although only a coarse hull is drawn, or the silhouette itself as JSON or SVG."""
+
+CLOSE_S = 2.0
+"""Seconds that work under way may hold up the end of the process."""
 
 CPU_DEPTH = 64
 """Short CPU work that may wait; each takes milliseconds."""
@@ -45,6 +50,8 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services = await to_thread.run_sync(_open, settings)
         app.state.services = services
+        if services.renderer_fault is None:
+            warm_in_background(services.renderer)
         keeper = asyncio.create_task(_reconcile(services), name="reconcile")
         try:
             yield
@@ -52,7 +59,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
             keeper.cancel()
             with suppress(asyncio.CancelledError):
                 await keeper
-            await to_thread.run_sync(_close, services)
+            _close(services)
 
     app = FastAPI(
         title="Silhouette Service",
@@ -90,8 +97,12 @@ def _open(settings: ServiceSettings) -> Services:
 
 
 def _close(services: Services) -> None:
-    services.renderer.close()
-    services.cpu.close()
+    """Close what is open. A frame or kernel under way is waited for, but not for long: its thread ends with the process."""
+    closing = [threading.Thread(target=part.close, daemon=True) for part in (services.renderer, services.cpu)]
+    for thread in closing:
+        thread.start()
+    for thread in closing:
+        thread.join(CLOSE_S)
     services.queue.redis.close()
 
 

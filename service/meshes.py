@@ -125,7 +125,9 @@ def _links(mesh_id: str, manifest: Manifest | None) -> dict[str, str]:
     links = {"self": base, "events": f"{base}/events"}
     if manifest is None or manifest.status != "ready":
         return links
-    links |= {"render": f"{base}/render.png", "thumbnail": f"{base}/thumbnail.png", "silhouette": f"{base}/silhouette.svg"}
+    links |= {"render": f"{base}/render.png", "thumbnail": f"{base}/thumbnail.png"}
+    if (clip := manifest.capabilities.get("clip")) is not None and clip.available:
+        links["silhouette"] = f"{base}/silhouette.svg"
     made = {name for record in manifest.stages for name in record.artifacts}
     return links | {name: f"{base}/artifacts/{name}" for name in (HULL_GLB, NORMAL_PNG, COLOR_PNG) if name in made}
 

@@ -57,7 +57,7 @@ function answers(responses) {
   return element("table", {}, ...Object.entries(responses).map(([status, answer]) => element("tr", {},
     element("td", {}, element("code", { textContent: status })),
     element("td", { textContent: Object.keys(answer.content ?? {}).join(", ") }),
-    element("td", { textContent: answer.description }))));
+    element("td", {}, ...prose(answer.description).childNodes))));
 }
 
 function call(path, method, operation, id) {
@@ -70,7 +70,7 @@ function call(path, method, operation, id) {
   return element("section", { className: "call", id },
     element("h2", {}, element("span", { className: "method", textContent: method.toUpperCase() }), path),
     prose(operation.description ?? operation.summary),
-    ...section("Query", ...(parameters.length ? [element("table", {}, ...parameters.map((one) => field(one.name, { ...one.schema, description: one.description }, one.required)))] : [])),
+    ...section("Query", ...(parameters.length ? [element("table", {}, ...parameters.map((one) => field(one.name, { ...one.schema, description: one.description ?? one.schema.description }, one.required)))] : [])),
     ...section("Body", ...body),
     ...section("Answers", answers(operation.responses)));
 }

@@ -65,7 +65,7 @@ def list_meshes(
     return parts.meshes.page(limit, after)
 
 
-@router.get("/{mesh_id}", response_model=MeshInfo, response_model_exclude_none=True, responses=problems(404))
+@router.get("/{mesh_id}", response_model=MeshInfo, response_model_exclude_none=True, responses=problems(404, 422))
 def mesh_info(mesh_id: str, parts: Parts) -> MeshInfo:
     """Status, stages, measured facts, capabilities and links of a mesh."""
     return parts.meshes.info(mesh_id)
@@ -74,7 +74,7 @@ def mesh_info(mesh_id: str, parts: Parts) -> MeshInfo:
 @router.get(
     "/{mesh_id}/events",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/event-stream": {}}, "description": "`data:` is a MeshInfo"}, **problems(404)},
+    responses={200: {"content": {"text/event-stream": {}}, "description": "`data:` is a MeshInfo"}, **problems(404, 422)},
 )
 async def mesh_events(mesh_id: str, parts: Parts) -> StreamingResponse:
     """Server-sent events: a MeshInfo on each change until the mesh is ready or failed, then the stream ends."""
@@ -82,7 +82,7 @@ async def mesh_events(mesh_id: str, parts: Parts) -> StreamingResponse:
     return StreamingResponse(_events(first, parts), media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
 
-@router.delete("/{mesh_id}", status_code=204, response_class=Response, responses=problems(404))
+@router.delete("/{mesh_id}", status_code=204, response_class=Response, responses=problems(404, 422))
 def delete_mesh(mesh_id: str, parts: Parts) -> Response:
     """Cancel what is being done for a mesh and remove everything of it."""
     existed = bool(keys.MESH_ID.match(mesh_id)) and parts.queue.cancel(mesh_id)

@@ -59,7 +59,19 @@ def bomb() -> bytes:
     return packed.getvalue()
 
 
-NO_FACES = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 0\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n"
+NO_FACES = b"""ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 0
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+"""
 
 UNUSABLE = {
     "not a mesh": ("page.stl", b"<!doctype html><html><body>404 not found, but with a friendly face</body></html>" * 3),

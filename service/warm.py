@@ -1,0 +1,109 @@
+"""The first picture of a process compiles kernels and shaders; this draws it before anybody asks.
+
+An octahedron goes through the same artifact files and the same renderer as an upload, so that exactly the code that requests
+run is made ready, with the very array types they have.
+"""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping
+from concurrent.futures import CancelledError
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from backend.artifacts import identity_of, write_artifact
+from backend.store import Store
+from geometry.topology import build_edges
+from schemas import artifacts
+from schemas.artifacts import Layout
+from schemas.conventions import Array
+from schemas.errors import SilhouetteError
+from schemas.manifest import FrameRecord, Manifest, StageRecord
+from schemas.mesh import Capability
+from schemas.render import Accuracy, Antialias, ProjectTo, RenderRequest, Shading, ShadingMode, SilhouetteRequest, Source
+from service.assets import MeshAsset, load_asset
+from service.render.renderer import Renderer
+from service.silhouette.document import describe_silhouette, silhouette_binary, silhouette_json, silhouette_svg
+from service.waiting import Stopwatch
+
+log = logging.getLogger("silhouette.service")
+
+MESH_ID = "0" * 32
+SIDE_PX = 64
+MAP_TEXELS = 64
+HULL_SIZE = 1.1
+"""The hull is so much larger than the octahedron."""
+
+WAYS = (
+    (Source.CLIPPED, Antialias.COVERAGE),
+    (Source.ORIGINAL, Antialias.MSAA),
+    (Source.CLIPPED, Antialias.LINE),
+    (Source.CLIPPED, Antialias.NONE),
+    (Source.ORIGINAL, Antialias.NONE),
+)
+"""What is drawn, the commonest first: it may be asked for before the others are done."""
+
+
+def warm_in_background(renderer: Renderer) -> None:
+    """Warm in a thread that ends with the process at the latest."""
+    threading.Thread(target=warm, args=(renderer,), name="warm", daemon=True).start()
+
+
+def warm(renderer: Renderer) -> None:
+    """Draw and describe an octahedron in every common way."""
+    clock = Stopwatch()
+    try:
+        with tempfile.TemporaryDirectory(prefix="silhouette-warm-") as folder:
+            asset = octahedron(Store(Path(folder)))
+            for request in _requests():
+                renderer.submit(asset, request).result()
+            described = describe_silhouette(asset, SilhouetteRequest(project=ProjectTo()))
+            for write in (silhouette_json, silhouette_svg, silhouette_binary):
+                write(described)
+    except (SilhouetteError, CancelledError) as error:  # busy already, or closing: then requests do the warming
+        log.info("not warmed: %s", error)
+    else:
+        log.info("warmed", extra={"seconds": round(clock.ms() / 1e3, 2)})
+
+
+def _requests() -> Iterator[RenderRequest]:
+    for source, antialias in WAYS:
+        yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=source, antialias=antialias))
+    yield RenderRequest(width=SIDE_PX, height=SIDE_PX, shading=Shading(mode=ShadingMode.MASK))
+
+
+def octahedron(store: Store) -> MeshAsset:
+    """A clippable asset of eight faces, stored in and mapped from `store`."""
+    positions = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int32)
+    edges = build_edges(faces)
+    count = len(edges.vertices)
+    one_node = {"scaled_normal": np.zeros((1, 3), np.float32), "front_anchor": np.zeros((1, 3), np.float32)}
+    one_node |= {"back_anchor": np.zeros((1, 3), np.float32), "separation": np.zeros(1, np.float32)}
+    order = {"skip": np.array([1], np.int32), "edge_start": np.array([0, count], np.int32), "edge_index": np.arange(count, dtype=np.int32)}
+    uv = np.tile(np.array([[0, 0], [1, 0], [0, 1]], np.float32), (len(faces), 1, 1))
+    hull = {"positions": positions * np.float32(HULL_SIZE), "faces": faces, "normals": positions}
+    files: list[tuple[Layout, Mapping[str, Array]]] = [
+        (
+            artifacts.MESH,
+            {"positions": positions, "faces": faces, "normals": positions, "edge_vertices": edges.vertices, "edge_faces": edges.faces},
+        ),
+        (artifacts.HULL, hull),
+        (artifacts.MAPS, {"tile_uv": uv, "normal": np.full((MAP_TEXELS, MAP_TEXELS, 3), 200, np.uint8)}),
+        (artifacts.TREE, one_node | order),
+    ]
+    made = {layout.file: write_artifact(store, MESH_ID, layout, tensors, identity_of(MESH_ID, "warm")) for layout, tensors in files}
+    manifest = Manifest(
+        id=MESH_ID,
+        status="ready",
+        frame=FrameRecord(centre=(0.0, 0.0, 0.0), scale=1.0),
+        capabilities={"clip": Capability(available=True)},
+        stages=[StageRecord(stage="warm", outcome="done", seconds=0.0, artifacts=made)],
+        finished=datetime.now(UTC),
+    )
+    return load_asset(store, manifest)

@@ -1,0 +1,93 @@
+"""Silhouettes over real HTTP, against brute force on the mesh that was uploaded."""
+
+import xml.etree.ElementTree as ElementTree
+
+import httpx
+import numpy as np
+import pytest
+
+from geometry.silhouettes import silhouette_scalar
+from geometry.topology import build_edges
+from schemas.conventions import Frame
+from tests import meshes
+
+EYE = {"eye": [1.0, 2.0, 14.0], "target": [0.0, 0.0, 0.0]}
+
+
+@pytest.fixture(scope="module")
+def http(service):
+    with httpx.Client(base_url=service.url, timeout=120.0) as connection:
+        yield connection
+
+
+@pytest.fixture(scope="module")
+def answer(http, knot):
+    return http.post(f"/v1/meshes/{knot.id}/silhouette", json={"camera": EYE, "project": {"width": 200, "height": 100}})
+
+
+def test_edges_are_those_of_brute_force(answer, knot):
+    vertices, faces = meshes.knot()
+    vertices = vertices.astype(np.float32)
+    frame = Frame.around(vertices)
+    positions, edges = frame.to_normalised(vertices).astype(np.float32), build_edges(faces)
+    eye = np.append(frame.to_normalised(EYE["eye"]), 1.0)
+    expected = positions[silhouette_scalar(positions, faces, edges.vertices, edges.faces, eye)]
+    found = answer.json()
+    index = {vertex: row for row, vertex in enumerate(found["vertices"]["index"])}
+    used = frame.to_normalised(found["vertices"]["position"])
+    segments = np.array([[used[index[a]], used[index[b]]] for a, b in found["edges"]])
+    assert found["edge_count"] == len(found["edges"]) == len(expected)
+    order = lambda lines: np.array(sorted(np.round(lines.reshape(len(lines), 6), 4).tolist()))  # noqa: E731
+    assert np.allclose(order(segments), order(expected.astype(float)), atol=2e-4)
+
+
+def test_contours_are_closed_and_use_every_edge_once(answer):
+    found = answer.json()
+    around = [(a, b) for loop in found["contours"] for a, b in zip(loop, [*loop[1:], loop[0]], strict=True)]
+    assert sorted(around) == sorted(tuple(edge) for edge in found["edges"])
+
+
+def test_pixels_lie_where_the_picture_shows_the_outline(answer):
+    pixel = np.array(answer.json()["vertices"]["pixel"])
+    assert pixel.min(axis=0)[0] > 20 and pixel.max(axis=0)[0] < 180
+    assert pixel.min(axis=0)[1] > 0 and pixel.max(axis=0)[1] < 100
+
+
+def test_answer_says_how_long_it_took(answer):
+    assert "extract;dur=" in answer.headers["server-timing"]
+
+
+def test_drawing_is_svg_of_the_size_asked_for(http, knot):
+    drawing = http.get(f"/v1/meshes/{knot.id}/silhouette.svg", params={"width": 300, "height": 200})
+    assert drawing.headers["content-type"] == "image/svg+xml"
+    root = ElementTree.fromstring(drawing.content)
+    assert root.tag.endswith("svg")
+    assert root.attrib["viewBox"].split() == ["0", "0", "300", "200"]
+    assert len(drawing.content) > 1000
+
+
+def test_accept_header_decides_the_document(http, knot):
+    path = f"/v1/meshes/{knot.id}/silhouette"
+    kinds = ("application/json", "image/svg+xml", "application/octet-stream")
+    answers = {kind: http.post(path, json={"camera": EYE}, headers={"Accept": kind}) for kind in kinds}
+    assert [a.headers["content-type"] for a in answers.values()] == list(kinds)
+    assert len({a.headers["etag"] for a in answers.values()}) == 3
+    assert http.post(path, json={}, headers={"Accept": "image/png"}).status_code == 406
+
+
+def test_what_is_not_asked_for_is_left_out(http, knot):
+    bare = http.post(f"/v1/meshes/{knot.id}/silhouette", json={"camera": EYE, "contours": False, "positions": False}).json()
+    assert bare.get("contours") is None
+    assert "position" not in bare["vertices"]
+    assert "pixel" not in bare["vertices"]
+    assert bare["edge_count"] > 10
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [({"camera": {"eye": [0, 0, 0]}}, "camera.eye"), ({"project": {"width": 0}}, "project.width"), ({"contour": True}, "contour")],
+)
+def test_wrong_request_is_422_and_names_the_field(http, knot, body, field):
+    answer = http.post(f"/v1/meshes/{knot.id}/silhouette", json=body)
+    assert answer.status_code == 422
+    assert [item["field"] for item in answer.json()["errors"]] == [field]
