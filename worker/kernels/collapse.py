@@ -29,10 +29,15 @@ from worker.kernels.collapse_place import (
 )
 from worker.kernels.collapse_queue import put, remove
 
-SHAPE = 1e-4
+SHAPE = 1e-3
 """Weight of (edge length)^3 beside the volume gained: keeps faces round where volumes are much alike."""
 FREE = 1e-18
 """The same weight for edges that cost nothing: below any volume that rounding a vertex to float32 can gain."""
+HASTE = 0.5
+"""An edge whose surroundings changed waits under this part of its old cost, and is costed anew when it comes to the front.
+
+Measured against costing it at once: half the time, hulls as tight. Under its whole old cost: a third, but 3 % more excess.
+"""
 
 CURSOR, COLLAPSES, MARK, WORK = 0, 1, 2, 3  # places in Progress.count
 _ROUNDING_TRIES = (1.0, 4.0)  # rounding margins for a second and a third try
@@ -184,6 +189,16 @@ def _commit(mesh, queue, progress, place, e, count, count_a):
 
 
 @njit(cache=True)
+def _postpone(mesh, queue, progress, place, e):
+    """Have edge e costed soon; at once when it could not be collapsed so far."""
+    if queue.slot[e] < 0:
+        _cost(mesh, queue, progress, place, e)
+    elif not progress.stale[e]:
+        progress.stale[e] = True
+        put(queue, e, HASTE * queue.key[e])
+
+
+@njit(cache=True)
 def _renew(mesh, queue, progress, place, a):
     """Edges whose F(i+1) changed: those at a are costed now, those at its neighbours when they come to the front."""
     progress.counters[MARK] += 1
@@ -204,7 +219,7 @@ def _renew(mesh, queue, progress, place, a):
             e = mesh.edge[g]
             if progress.seen[e] != mark:
                 progress.seen[e] = mark
-                _cost(mesh, queue, progress, place, e)
+                _postpone(mesh, queue, progress, place, e)
             g = mesh.opposite[preceding(g)]
             if g == start:
                 break
