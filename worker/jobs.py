@@ -11,6 +11,7 @@ is due next.
 from __future__ import annotations
 
 import logging
+import resource
 import time
 from collections.abc import Callable
 
@@ -119,7 +120,7 @@ def fault_of(error: Exception) -> SilhouetteError:
 
 
 def peak_mib() -> float:
-    """Most memory this process has had resident so far, MiB."""
+    """Most memory that this process, or a child it has waited for, has had resident so far, MiB."""
     with open("/proc/self/status") as status:  # noqa: PTH123
-        kib = next(int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
-    return round(kib / KIB_PER_MIB, 1)
+        own_kib = next(int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
+    return round(max(own_kib, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) / KIB_PER_MIB, 1)
