@@ -1,0 +1,128 @@
+"""The silhouette of one view as arrays, which `service.silhouette.document` writes down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from geometry.silhouettes import silhouette_scalar
+from schemas.conventions import F4, F8, I4, Frame
+from schemas.errors import CapabilityError
+from schemas.mesh import Capability
+from schemas.render import ProjectTo, SilhouetteRequest
+from service.camera import View, resolve_camera
+from service.kernels.contours import compact
+from service.silhouette.contours import Contours, link_contours
+from service.silhouette.extract import SilhouetteTree
+from service.silhouette.outline import Outline, outline_of
+from service.silhouette.project import pixel_matrix, project_edges, surrounding_layers
+
+UNSEEN = ProjectTo()
+"""Image of a request that names none: a fitted eye depends on its shape."""
+
+
+class Source(Protocol):
+    """What describing needs of a mesh; `service.assets.MeshAsset` has it."""
+
+    @property
+    def frame(self) -> Frame:
+        """Its normalised frame."""
+
+    @property
+    def positions(self) -> F4:
+        """(v, 3) f4 normalised."""
+
+    @property
+    def faces(self) -> I4:
+        """(f, 3) i4."""
+
+    @property
+    def edges(self) -> tuple[I4, I4] | None:
+        """(edge_vertices, edge_faces) of a closed mesh."""
+
+    @property
+    def tree(self) -> SilhouetteTree | None:
+        """Its search tree."""
+
+    @property
+    def clip(self) -> Capability:
+        """Says why there are no edges."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """The silhouette of one view.
+
+    eye: (4,) f8 homogeneous, model units. edges: (s, 2) i4 directed. vertices: (k,) i4, those the edges use, each once.
+    contours: closed loops of vertices, None when not asked for. positions: (k, 3) f8 of `vertices`, model units, or None.
+    pixels: (k, 2) f8, y down, NaN behind the eye; outline: the contours in the image; view: the camera; all None without an image.
+    """
+
+    eye: F8
+    edges: I4
+    vertices: I4
+    contours: Contours | None
+    positions: F8 | None
+    pixels: F8 | None
+    outline: Outline | None
+    view: View | None
+
+
+def describe_silhouette(source: Source, request: SilhouetteRequest) -> Description:
+    """The silhouette that `request` asks for, with all edges, hidden ones too.
+
+    Raises CapabilityError when the mesh is not closed, InvalidRequestError for a camera whose numbers cannot be used.
+    """
+    image = request.project or UNSEEN
+    view = resolve_camera(request.camera, source.frame, image.width, image.height)
+    edges = _edges(source, view.eye)
+    local, vertices = compact(edges)
+    used = np.asarray(source.positions)[vertices]
+    loops = link_contours(local) if request.contours else None
+    homogeneous = _homogeneous(view, used) if request.project else None
+    outline = None
+    if homogeneous is not None and loops is not None:
+        outline = outline_of(view, homogeneous[loops.vertices], loops.offsets, _base(source, view, edges))
+    return Description(
+        eye=_model_eye(view.eye, source.frame),
+        edges=edges,
+        vertices=vertices,
+        contours=None if loops is None else Contours(vertices[loops.vertices], loops.offsets),
+        positions=source.frame.to_model(used) if request.positions else None,
+        pixels=None if homogeneous is None else _divided(homogeneous),
+        outline=outline,
+        view=view if request.project else None,
+    )
+
+
+def _edges(source: Source, eye: F8) -> I4:
+    if source.tree is not None:
+        return source.tree.extract(eye).edges
+    if source.edges is None:
+        raise CapabilityError(source.clip.reason or "only a closed mesh has a silhouette", field="mesh")
+    return np.asarray(silhouette_scalar(source.positions, source.faces, *source.edges, eye))
+
+
+def _base(source: Source, view: View, edges: I4) -> int:
+    """Layers over the whole image that the edges do not tell of; there are none for an eye outside the unit sphere."""
+    if view.orthographic or float(np.linalg.norm(view.eye[:3])) > 1.0 + 1e-6:
+        return 0
+    positions, faces = np.asarray(source.positions), np.asarray(source.faces)
+    return surrounding_layers(view, positions, faces, project_edges(view, positions, edges))
+
+
+def _homogeneous(view: View, positions: F4) -> F8:
+    """(k, 3) f8: u, v, w with u / w and v / w in pixels."""
+    m = pixel_matrix(view)
+    return np.asarray(positions.astype(np.float64) @ m[:, :3].T + m[:, 3])
+
+
+def _divided(homogeneous: F8) -> F8:
+    w = np.where(homogeneous[:, 2:] > 0.0, homogeneous[:, 2:], np.nan)
+    return np.asarray(homogeneous[:, :2] / w)
+
+
+def _model_eye(eye: F8, frame: Frame) -> F8:
+    return np.append(frame.to_model(eye[:3]) if eye[3] else eye[:3], eye[3])
