@@ -28,7 +28,8 @@ from schemas.mesh import Capability
 from schemas.render import Accuracy, Antialias, ProjectTo, RenderRequest, Shading, ShadingMode, SilhouetteRequest, Source
 from service.assets import MeshAsset, load_asset
 from service.render.renderer import Renderer
-from service.silhouette.document import describe_silhouette, silhouette_binary, silhouette_json, silhouette_svg
+from service.silhouette.describe import describe_silhouette
+from service.silhouette.document import silhouette_binary, silhouette_json, silhouette_svg
 from service.waiting import Stopwatch
 
 log = logging.getLogger("silhouette.service")

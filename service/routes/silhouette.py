@@ -13,7 +13,8 @@ from schemas.render import ProjectTo, Silhouette, SilhouetteRequest
 from service.caching import REVALIDATE, entity_tag, not_modified
 from service.negotiation import choose
 from service.routes.documented import problems, silhouette_answer
-from service.silhouette.document import describe_silhouette, silhouette_binary, silhouette_json, silhouette_svg
+from service.silhouette.describe import describe_silhouette
+from service.silhouette.document import silhouette_binary, silhouette_json, silhouette_svg
 from service.state import Parts, Services
 from service.view_query import SilhouetteQuery, query_names
 from service.waiting import Stopwatch, wait_for

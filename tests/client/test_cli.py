@@ -1,0 +1,112 @@
+"""The command as people and scripts run it: in a process of its own, through pipes."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+COMMANDS = ("serve", "worker", "demo", "upload", "render", "silhouette", "list", "info", "delete")
+
+
+def silhouette(*arguments, url=None, **options):
+    """Run the installed command."""
+    command = [str(Path(sys.executable).with_name("silhouette")), *map(str, arguments)]
+    if url:
+        command += ["--url", url]
+    return subprocess.run(command, capture_output=True, timeout=250, check=False, **options)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command_has_an_example(command):
+    run = silhouette(command, "--help")
+    assert run.returncode == 0
+    assert run.stdout.count(f"silhouette {command}".encode()) >= 2, "once for its usage, once in an example"
+
+
+def test_upload_prints_the_id_alone_and_progress_elsewhere(service, knot, knot_file):
+    run = silhouette("upload", knot_file, "--hull-faces", 200, "--texels", 256, url=service.url)
+    assert run.stdout.decode().strip() == knot.id
+    assert b"load" in run.stderr
+    assert b"\x1b" not in run.stdout + run.stderr, "no terminal codes in a pipe"
+
+
+def test_render_by_beginning_of_the_id(service, knot, tmp_path):
+    run = silhouette("render", knot.id[:12], "-o", tmp_path / "k.webp", "--azimuth", 40, "--size", "80x60", url=service.url)
+    assert run.returncode == 0, run.stderr
+    with Image.open(tmp_path / "k.webp") as image:
+        assert (image.format, image.size) == ("WEBP", (80, 60))
+
+
+def test_render_to_stdout_is_png_and_nothing_else(service, knot):
+    run = silhouette("render", knot.id, "-o", "-", "--eye", "0,0,12", "--size", 32, url=service.url)
+    assert run.stdout[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_render_of_a_file_uploads_it_first(service, tmp_path, knot_file):
+    run = silhouette("render", knot_file, "-o", tmp_path / "k.png", "--size", 64, url=service.url)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "k.png").stat().st_size > 100
+
+
+def test_silhouette_as_drawing_and_as_data(service, knot, tmp_path):
+    drawn = silhouette("silhouette", knot.id, "-o", tmp_path / "k.svg", url=service.url)
+    assert drawn.returncode == 0, drawn.stderr
+    assert "<svg" in (tmp_path / "k.svg").read_text()[:300]
+    data = silhouette("silhouette", knot.id, "-o", "-", url=service.url)
+    assert json.loads(data.stdout)["edge_count"] > 10
+
+
+def test_list_and_info_as_json_and_as_table(service, knot):
+    assert knot.id in [mesh["id"] for mesh in json.loads(silhouette("list", "--json", url=service.url).stdout)]
+    assert json.loads(silhouette("info", knot.id, "--json", url=service.url).stdout)["stats"]["faces"] == 5120
+    assert b"5,120" in silhouette("info", knot.id[:10], url=service.url).stdout
+    assert knot.id in silhouette("list", url=service.url, env={"COLUMNS": "150"}).stdout.decode()
+
+
+def test_delete_removes_the_mesh(service, tmp_path, knot_file):
+    run = silhouette("upload", knot_file, "--no-wait", "--hull-faces", 210, "--texels", 128, url=service.url)
+    mesh_id = run.stdout.decode().strip()
+    assert silhouette("delete", mesh_id, url=service.url).returncode == 0
+    assert silhouette("info", mesh_id, url=service.url).returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("render", "nothing-like-it", "-o", "x.png"), "neither a file nor a mesh id"),
+        (("render", "0" * 32, "-o", "x.png"), "no such mesh"),
+        (("render", "abcdef", "-o", "x.png"), "no mesh id begins with"),
+        (("render", "KNOT", "-o", "x.gif"), ".png"),
+        (("render", "KNOT", "-o", "x.png", "--size", "big"), "--size"),
+        (("render", "KNOT", "-o", "x.png", "--size", "0"), "width"),
+        (("render", "KNOT", "-o", "x.png", "--eye", "0,0"), "--eye"),
+        (("render", "KNOT", "-o", "x.png", "--elevation", "91"), "elevation"),
+        (("render", "KNOT", "-o", "no/such/folder/x.png"), "no/such/folder"),
+        (("silhouette", "KNOT", "-o", "x.png"), ".svg"),
+    ],
+)
+def test_fault_is_one_line_and_exit_code_1(service, knot, tmp_path, arguments, word):
+    run = silhouette(*(knot.id if part == "KNOT" else part for part in arguments), url=service.url, cwd=tmp_path)
+    lines = run.stderr.decode().strip().splitlines()
+    assert (run.returncode, len(lines)) == (1, 1), lines
+    assert lines[0].startswith("error ")
+    assert word in lines[0]
+
+
+def test_service_that_is_not_there_is_one_line():
+    run = silhouette("list", url="http://127.0.0.1:9")
+    assert run.returncode == 1
+    assert run.stderr.decode().startswith("error No silhouette service answers")
+    assert "Traceback" not in run.stderr.decode()
+
+
+def test_unusable_file_is_one_line(service, tmp_path):
+    page = tmp_path / "page.stl"
+    page.write_text("<!doctype html><html>not a mesh at all, however long it may be</html>" * 4)
+    run = silhouette("upload", page, url=service.url)
+    assert run.returncode == 1
+    assert run.stdout == b""
+    assert run.stderr.decode().strip().splitlines()[-1].startswith("error ")
