@@ -15,9 +15,9 @@ from schemas.mesh import Capability, MeshStats, PreprocessOptions
 from worker.loading.faults import rejected
 from worker.loading.limits import LoadLimits
 from worker.loading.parse import Parsed
+from worker.loading.repair import drop_no_faces, edges_and_clip, repair
 from worker.loading.sandbox import parse_limited
 from worker.loading.sniff import normal_extension
-from worker.loading.repair import drop_no_faces, edges_and_clip, repair
 from worker.loading.surface import Surface, half_edges
 from worker.loading.weld import weld
 

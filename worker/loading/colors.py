@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.conventions import F4, U1, Array
+from schemas.conventions import F4, F8, U1, Array
 from worker.loading.limits import LoadLimits
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _as_bytes(values: Array, linear: bool) -> U1:
     if values.dtype.kind == "f":
         unit = np.clip(np.nan_to_num(values.astype(np.float64)), 0.0, 1.0)
     else:
-        full = np.iinfo(values.dtype).max if values.dtype.itemsize <= 2 else 255
+        full = {"i1": 127, "i2": 32767, "u2": 65535}.get(values.dtype.str[1:], 255)
         unit = np.clip(values.astype(np.float64) / full, 0.0, 1.0)
     if unit.shape[1] == 3:
         unit = np.column_stack([unit, np.ones(len(unit))])
@@ -196,7 +196,7 @@ def _scaled(texture: U1, factor: float) -> U1:
     return np.ascontiguousarray(np.asarray(Image.fromarray(texture).resize(size, Image.Resampling.BOX), np.uint8))
 
 
-def _sampled(texture: U1, uv: Array, tint: U1) -> U1:
+def _sampled(texture: U1, uv: F8, tint: U1) -> U1:
     """Nearest texel at repeated (n, 3, 2) coordinates, times the (n, 3, 4) tint."""
     wrapped = uv - np.floor(uv)
     x = np.minimum((wrapped[..., 0] * texture.shape[1]).astype(int), texture.shape[1] - 1)

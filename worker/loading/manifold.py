@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.topology import face_components
 from worker.kernels.load_around_edge import pair_half_edges
 from worker.kernels.load_union import fans
 from worker.loading.double_edges import part_double_edges
@@ -50,6 +51,8 @@ def split_manifold(surface: Surface) -> tuple[Surface, Split]:
     for _ in range(MAX_ROUNDS):
         mates = pair_half_edges(surface.positions, surface.faces, edges.forward, edges.order, edges.start, joined, MOST_FACES)
         result = _separated(surface, fans(mates))
+        if not (counts > 2).any():
+            return result, Split(0, 0, 0)
         double = _double_edges(result.faces, mates)
         if best is None or double.sum() < best[0]:
             best = int(double.sum()), result, mates
@@ -78,6 +81,8 @@ def _separated(surface: Surface, fan: Index) -> Surface:
     np.minimum.at(first, vertex[roots], roots)
     others = roots[first[vertex[roots]] != roots]
     number = np.full(len(fan), -1, np.int64)
+    if not len(others):
+        return surface
     number[roots] = vertex[roots]
     number[others] = len(surface.positions) + np.arange(len(others))
     return Surface(
@@ -91,3 +96,15 @@ def _double_edges(faces: Index, mates: Index) -> Mask:
     """Paired half-edges whose edge still has more than two faces."""
     edges = half_edges(faces)
     return (edges.counts[edges.edge] > 2) & (mates >= 0)
+
+
+def drop_fins(surface: Surface) -> tuple[Surface, int]:
+    """Without components of two faces, the two sides of one triangle, beside components that have more; also their faces.
+
+    They enclose nothing, are debris of simplified scans, and no coarse hull could ever be made coarser there.
+    """
+    component, count = face_components(surface.faces.astype(np.int32), len(surface.positions))
+    fin = np.bincount(component, minlength=count) == 2
+    if not fin.any() or fin.all():
+        return surface, 0
+    return surface.kept(~fin[component]), 2 * int(fin.sum())

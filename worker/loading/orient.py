@@ -47,7 +47,7 @@ def make_consistent(surface: Surface) -> tuple[Surface, Consistency]:
     pairs = np.column_stack([edges.order[edges.start[two]], edges.order[edges.start[two] + 1]])
     turn, bad = _turns(pairs, len(pairs), edges, len(surface.faces))
     after = surface.flipped(turn)
-    crooked = _unbalanced_even(after)
+    crooked = _unbalanced_even(after) if (edges.counts > 2).any() else turn[:0]
     if len(crooked):
         around = neighbours_around(surface.positions, surface.faces, edges.forward, edges.order, edges.start, crooked, MOST_FACES)
         turn, bad = _turns(np.concatenate([pairs, around]), len(pairs), edges, len(surface.faces))
@@ -69,11 +69,14 @@ def _unbalanced_even(surface: Surface) -> Index:
     return np.flatnonzero((edges.counts > 2) & (edges.counts % 2 == 0) & (edges.balances != 0))
 
 
-def orient_outward(surface: Surface, agreed: bool) -> tuple[Surface, int]:
-    """Turn closed components outward; `agreed`: the file's own directions agree, so cavities are meant. Also how many."""
-    component, count = face_components(surface.faces, len(surface.positions))
+def orient_outward(surface: Surface, agreed: bool, all_closed: bool) -> tuple[Surface, int]:
+    """Turn closed components outward, and say how many.
+
+    agreed: the file's own directions agree, so cavities are meant. all_closed: every edge is known to balance.
+    """
+    component, count = face_components(surface.faces.astype(np.int32), len(surface.positions))
     volume, flat = _volumes(surface, component, count)
-    closed = _closed_components(surface, component, count) & ~flat
+    closed = ~flat if all_closed else _closed_components(surface, component, count) & ~flat
     turn = np.zeros(count, bool)
     if agreed and volume[closed].sum() < 0.0:
         turn = closed.copy()
@@ -93,7 +96,7 @@ def _volumes(surface: Surface, component: Index, count: int) -> tuple[F8, Mask]:
     size = np.bincount(component, minlength=count)
     centre = np.column_stack([np.bincount(component, a[:, k], count) / size for k in range(3)])[component]
     a, b, c = a - centre, b - centre, c - centre
-    volume = np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, count)
+    volume = np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, count).astype(np.float64)
     area = np.bincount(component, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0, count)
     extent = np.zeros(count)
     np.maximum.at(extent, component, np.abs(a).max(axis=1))

@@ -9,13 +9,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from schemas.conventions import F8, Array
+from schemas.conventions import F8, I4, Array
 from schemas.errors import SilhouetteError, TooLargeError
 from worker.loading import sniff
 from worker.loading.faults import parse_failed, rejected
 from worker.loading.headers import glb, ply
 from worker.loading.limits import LoadLimits
+
+I8 = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class Piece:
     """One geometry of a file in place: vertices (v, 3) f8 model units, faces (f, 3) i8; `raw` is what the reader gave."""
 
     vertices: F8
-    faces: Array
+    faces: I8
     raw: dict[str, Any]
 
 
@@ -32,7 +35,7 @@ class Parsed:
     """A file as arrays: positions (v, 3) f8 model units, faces (f, 3) i4, and what artifacts.APPEARANCE holds, or nothing."""
 
     positions: F8
-    faces: Array
+    faces: I4
     appearance: dict[str, Array]
     notes: dict[str, Any] = field(default_factory=dict)
 
@@ -94,7 +97,7 @@ def _read_ply(raw: dict[str, Any], header: ply.Header) -> dict[str, Any]:
     return raw
 
 
-def _strip_faces(strip: Array) -> Array:
+def _strip_faces(strip: I8) -> I8:
     """(f, 3) i8 faces of triangle strips that -1 separates; every second triangle of a strip is turned round."""
     cut = strip < 0
     start = np.maximum.accumulate(np.where(cut, np.arange(len(strip)) + 1, 0))

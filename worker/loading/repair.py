@@ -9,9 +9,10 @@ import numpy as np
 
 from geometry.topology import EdgeTable, NotManifoldError, build_edges, signed_volume
 from schemas.mesh import Capability
+from worker.kernels.load_union import fans
 from worker.loading.faults import rejected
 from worker.loading.holes import close_holes
-from worker.loading.manifold import split_manifold
+from worker.loading.manifold import drop_fins, split_manifold
 from worker.loading.needles import remove_needles
 from worker.loading.orient import make_consistent, orient_outward
 from worker.loading.surface import Surface, half_edges
@@ -40,13 +41,15 @@ def repair(surface: Surface, repairs: dict[str, Any], progress: Callable[[float]
     surface, holes = close_holes(surface)
     repairs |= {"closed_holes": holes.holes, "closed_hole_edges": holes.edges, "added_faces": holes.faces}
     progress(0.5)
-    if not half_edges(surface.faces).balances.any():
+    closed = not half_edges(surface.faces).balances.any()
+    if closed:
         before = len(surface.positions)
         surface, split = split_manifold(surface)
         repairs |= {"split_edges": split.edges, "added_vertices": len(surface.positions) - before}
-        repairs |= {"halved_faces": split.halved_faces, "removed_fin_faces": split.removed_fins}
+        surface, fins = drop_fins(surface)
+        repairs |= {"halved_faces": split.halved_faces, "removed_fin_faces": split.removed_fins + fins}
     progress(0.7)
-    surface, repairs["flipped_components"] = orient_outward(surface, directions.agreed)
+    surface, repairs["flipped_components"] = orient_outward(surface, directions.agreed, closed)
     surface, needles = remove_needles(surface)
     repairs["flipped_zero_area_faces"] = needles.flipped
     repairs["dropped_zero_area_faces"] = needles.dropped
@@ -70,13 +73,12 @@ def edges_and_clip(surface: Surface) -> tuple[EdgeTable | None, Capability]:
 
 
 def _fans(surface: Surface) -> int:
-    from worker.kernels.load_union import fans
-
     edges = half_edges(surface.faces)
     first, second = edges.order[0::2], edges.order[1::2]
     mates = np.empty(len(edges.order), np.int64)
     mates[first], mates[second] = second, first
-    return len(np.unique(fans(mates)))
+    fan = fans(mates)
+    return int((fan == np.arange(len(fan))).sum())
 
 
 def _why_open(surface: Surface) -> str:

@@ -79,7 +79,9 @@ def _collect(folder: Path, status: int, limits: LoadLimits) -> Parsed:
     tensors = _tensors(folder / RESULT, limits)
     notes = report.get("notes", {})
     positions, faces = tensors.pop("positions"), tensors.pop("faces")
-    return Parsed(positions, faces, tensors, notes if isinstance(notes, dict) else {})
+    return Parsed(
+        positions.astype(np.float64, copy=False), faces.astype(np.int32, copy=False), tensors, notes if isinstance(notes, dict) else {}
+    )
 
 
 def _death(status: int, limits: LoadLimits) -> SilhouetteError:

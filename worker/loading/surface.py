@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from schemas.conventions import F4
+from worker.kernels.load_half_edges import group_half_edges
 
 Index = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -31,12 +32,11 @@ class Surface:
 
     def flipped(self, which: Mask) -> Surface:
         """With the faces of a (f,) mask turned round."""
-        order = np.where(which[:, None], [0, 2, 1], [0, 1, 2])
-        return replace(
-            self,
-            faces=np.take_along_axis(self.faces, order, axis=1),
-            corners=np.take_along_axis(self.corners, order, axis=1),
-        )
+        if not which.any():
+            return self
+        faces, corners = self.faces.copy(), self.corners.copy()
+        faces[which], corners[which] = faces[which][:, [0, 2, 1]], corners[which][:, [0, 2, 1]]
+        return replace(self, faces=faces, corners=corners)
 
     def extended(self, faces: Index, corners: Index) -> Surface:
         """With more faces at the end."""
@@ -76,12 +76,4 @@ class HalfEdges:
 
 def half_edges(faces: Index) -> HalfEdges:
     """The half-edges of (f, 3) faces without repeated vertices, f > 0."""
-    half = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    key = half.min(axis=1) * (faces.max() + 1) + half.max(axis=1)
-    order = np.argsort(key, kind="stable")
-    ranked = key[order]
-    new = np.ones(len(ranked), bool)
-    new[1:] = ranked[1:] != ranked[:-1]
-    edge = np.empty(len(key), np.int64)
-    edge[order] = np.cumsum(new) - 1
-    return HalfEdges(order, np.append(np.flatnonzero(new), len(key)), half[:, 0] < half[:, 1], edge)
+    return HalfEdges(*group_half_edges(np.ascontiguousarray(faces, np.int64), int(faces.max()) + 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from schemas.conventions import F4
-from worker.loading.surface import Index, Mask, Surface
+from worker.loading.surface import Index, Mask, Surface, half_edges
 
 
 def weld(positions: F4) -> tuple[Index, Index]:
@@ -34,14 +34,6 @@ def drop_collapsed(surface: Surface) -> tuple[Surface, int]:
     return (surface, 0) if good.all() else (surface.kept(good), int((~good).sum()))
 
 
-def edge_parity(faces: Index, vertex_count: int) -> tuple[Index, Index]:
-    """((f, 3) number of each face's edge k -> k + 1 regardless of direction, (e,) faces at that edge)."""
-    half = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    key = half.min(axis=1) * np.int64(vertex_count) + half.max(axis=1)
-    _, edge, count = np.unique(key, return_inverse=True, return_counts=True)
-    return edge.reshape(-1, 3), count
-
-
 def drop_duplicates(surface: Surface) -> tuple[Surface, int]:
     """Without faces that are there twice, and how many there were.
 
@@ -57,7 +49,8 @@ def drop_duplicates(surface: Surface) -> tuple[Surface, int]:
     same = (group[order][1:] == group[order][:-1]) & (turn[order][1:] == turn[order][:-1])
     extra = np.zeros(len(group), bool)
     extra[order[1:][same]] = True
-    edge, count = edge_parity(surface.faces, len(surface.positions))
+    edges = half_edges(surface.faces)
+    edge, count = edges.edge.reshape(-1, 3), edges.counts
     alive[extra] = False
     _restore(alive, extra, edge, count)
     left = np.bincount(edge[alive].ravel(), minlength=len(count))

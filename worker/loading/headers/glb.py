@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from schemas.errors import MeshRejectedError
 from worker.loading.faults import rejected
 from worker.loading.limits import MIB, LoadLimits
 
@@ -32,14 +33,17 @@ def check(data: bytes, limits: LoadLimits) -> None:
         views = [_view_bytes(i, v, buffers) for i, v in enumerate(_list(tree, "bufferViews"))]
         for i, accessor in enumerate(_list(tree, "accessors")):
             _check_accessor(i, accessor, views, limits)
-        for image in _list(tree, "images"):
-            if not isinstance(image, dict):
-                raise TypeError
+        if not all(isinstance(image, dict) for image in _list(tree, "images")):
+            raise _not_gltf()
         primitives = [p for m in _list(tree, "meshes") for p in m["primitives"]]
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        raise rejected("parse-failed", "The JSON chunk of the GLB file is not laid out as glTF.") from None
+        raise _not_gltf() from None
     if not primitives:
         raise rejected("no-faces", "The GLB file has no mesh.")
+
+
+def _not_gltf() -> MeshRejectedError:
+    return rejected("parse-failed", "The JSON chunk of the GLB file is not laid out as glTF.")
 
 
 def external_images(data: bytes) -> int:

@@ -14,6 +14,7 @@ SIZES = {
     "double": 8, "float64": 8, "int64": 8, "uint64": 8,
 }  # fmt: skip
 MAX_HEADER = 1 << 16
+_ENCODINGS = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 
 
@@ -81,25 +82,34 @@ def read_header(data: bytes) -> Header:
     body = data.find(b"\n", end) + 1
     if end < 0 or not body:
         raise rejected("truncated" if len(data) < MAX_HEADER else "not-a-mesh", "The PLY header does not end.")
-    encoding, elements, current = "", {}, None
+    encoding = ""
+    elements: dict[str, Element] = {}
     for number, line in enumerate(data[:end].decode("latin-1").splitlines(), start=1):
         words = line.split()
         if not words or words[0] in ("ply", "comment", "obj_info"):
             continue
         try:
             if words[0] == "format":
-                encoding = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}[words[1]]
-            elif words[0] == "element":
-                current = elements[words[1]] = Element(words[1], _count(words[2]))
-            elif words[0] == "property" and current is not None:
-                _property(current, words)
+                encoding = _ENCODINGS[words[1]]
             else:
-                raise KeyError(words[0])
+                _declaration(elements, words)
         except (KeyError, IndexError, ValueError):
             raise rejected("not-a-mesh", f"Line {number} of the PLY header is wrong.", line=number) from None
     if not encoding:
         raise rejected("not-a-mesh", "The PLY header names no format.")
     return Header(encoding, elements, body)
+
+
+def _declaration(elements: dict[str, Element], words: list[str]) -> None:
+    """Take an `element` or `property` line; KeyError, IndexError or ValueError when it is neither."""
+    if words[0] == "element":
+        if words[1] in elements:
+            raise ValueError(words[1])
+        elements[words[1]] = Element(words[1], _count(words[2]))
+    elif words[0] == "property" and elements:
+        _property(elements[next(reversed(elements))], words)
+    else:
+        raise KeyError(words[0])
 
 
 def _count(word: str) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
+import zlib
 
 from worker.loading.faults import rejected
 from worker.loading.limits import MIB, LoadLimits
@@ -33,7 +34,7 @@ def check(data: bytes, limits: LoadLimits) -> None:
                 raise rejected("not-a-mesh", "The archive has no 3D model part, so it is not a 3MF file.")
             for member in models:
                 _check_xml(archive, member)
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError, ValueError, zipfile.zlib.error):
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError, ValueError, zlib.error):
         raise rejected("truncated", "The 3MF archive is broken or cut off: it cannot be unpacked.") from None
 
 
