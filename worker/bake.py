@@ -18,7 +18,6 @@ from embreex.rtcore_scene import EmbreeScene
 
 from geometry.topology import face_normals, vertex_normals
 from schemas.conventions import F4, F8, I4, U1, Array
-from schemas.errors import StageFailedError
 from worker.kernels import bake_boxes, bake_color, bake_tiles
 
 INSET = 1.0 / 64.0
@@ -47,19 +46,12 @@ class TileLayout:
     def fitting(cls, faces: int, texels: int) -> TileLayout:
         """Largest tiles for `faces` faces in a rectangle whose longest side is at most `texels`.
 
-        Raises StageFailedError when not even the smallest tiles fit.
+        Where not even the smallest tiles fit, the rectangle is as much larger as they need.
         """
-        cells = (faces + 1) // 2
-        for side in range(texels - 3, 0, -1):
-            columns, rows = texels // (side + 3), texels // (side + 2)
-            if columns * rows >= cells:
-                columns = min(columns, cells)
-                return cls(faces, side, columns, columns * (side + 3), -(-cells // columns) * (side + 2))
-        raise StageFailedError(
-            f"maps of {texels} texels have no room for a tile on each of {faces} hull faces",
-            code="maps-too-small",
-            least_texels=least_texels(faces),
-        )
+        cells, longest = (faces + 1) // 2, max(texels, least_texels(faces))
+        side = next(k for k in range(longest - 3, 0, -1) if (longest // (k + 3)) * (longest // (k + 2)) >= cells)
+        columns = min(longest // (side + 3), cells)
+        return cls(faces, side, columns, columns * (side + 3), -(-cells // columns) * (side + 2))
 
     @classmethod
     def of(cls, tile_uv: F4, width: int, height: int) -> TileLayout:
@@ -87,7 +79,7 @@ class TileLayout:
 
 
 def least_texels(faces: int) -> int:
-    """The shortest longest side of maps that have room for a tile on each of `faces` faces."""
+    """The shortest longest side of maps that has room for a tile on each of `faces` faces."""
     cells, texels = (faces + 1) // 2, 4
     while (texels // 4) * (texels // 3) < cells:
         texels += 1
@@ -155,7 +147,7 @@ def _best_facing(around: F8, start: F8) -> F8 | None:
     return np.asarray(point / length)
 
 
-class _Surface:
+class Surface:
     """A triangle mesh to shoot at. positions (v, 3) f4, faces (f, 3) i4, facing as they are wound."""
 
     def __init__(self, positions: F4, faces: I4) -> None:
@@ -192,7 +184,7 @@ class _Shooter:
     """Finds the point of the original that belongs to each texel of the hull."""
 
     def __init__(self, hull: tuple[F4, I4], original: tuple[F4, I4]) -> None:
-        self._hull, self._original = _Surface(*hull), _Surface(*original)
+        self._hull, self._original = Surface(*hull), Surface(*original)
         self._boxes: tuple[Array, Array] | None = None
         self.missed = 0
 
@@ -272,8 +264,8 @@ def bake_maps(  # noqa: PLR0913, PLR0917 - two meshes of three arrays each
 
     hull_positions, hull_normals (hv, 3) f4, hull_faces (hf, 3) i4: closed, enclosing, normals as by `hull_normals`.
     positions, normals (v, 3) f4, faces (f, 3) i4: the original in the same frame, facing outwards. appearance: tensors of
-    `artifacts.APPEARANCE`. texels: longest side of the maps. progress is called with 0..1 often; what it raises goes through.
-    Raises StageFailedError when the maps have no room for the hull's faces.
+    `artifacts.APPEARANCE`. texels: longest side of the maps, exceeded only where a hull of many faces leaves less than the
+    smallest tile for each. progress is called with 0..1 often; what it raises goes through.
     """
     layout = TileLayout.fitting(len(hull_faces), texels)
     turns = _right_angles(hull_positions, hull_faces)

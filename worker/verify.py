@@ -30,7 +30,7 @@ FRAME_SLACK = 1e-5  # by which the original may leave the unit sphere: float32 r
 UNIT_SLACK = 1e-4  # of stored float32 unit vectors
 TEXEL_SLACK = 0.012  # of a unit vector rounded to 1/127.5 a component: sqrt(3) / 2 / 127.5, and its share of a rounding scale
 VOLUME_SLACK = 1e-6  # of the original's volume: what float64 sums lose
-MOST_AWAY = 0.5  # of the texels may face away from their hull face; with flipped normals nearly all do
+MOST_AWAY = 0.7  # of the texels may face away from their hull face; with flipped normals nearly all do
 EYES, ORTHOGRAPHIC_EYES = 6, 2
 
 

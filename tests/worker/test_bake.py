@@ -9,9 +9,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from geometry.topology import build_edges, face_normals, vertex_normals
-from schemas.errors import CancelledError, StageFailedError
-from tests.meshes import bumpy_sphere, cube, joined, normalised, sphere, torus
-from worker.bake import TileLayout, bake_maps, hull_normals, least_texels
+from schemas.errors import CancelledError
+from tests.meshes import bumpy_sphere, cube, eyes, joined, normalised, shared, sphere, torus
+from worker.bake import Surface, TileLayout, bake_maps, hull_normals, least_texels
+from worker.hull import build_hull
 from worker.kernels import bake_boxes, bake_color, bake_tiles
 
 
@@ -111,13 +112,14 @@ def test_layout_is_known_from_its_texture_coordinates(faces):
     assert TileLayout.of(layout.tile_uv(turns), layout.width, layout.height) == layout
 
 
-def test_maps_without_room_are_refused_and_the_least_size_is_named():
-    with pytest.raises(StageFailedError) as refused:
-        TileLayout.fitting(1000, 64)
-    least = refused.value.where["least_texels"]
-    assert TileLayout.fitting(1000, least).side == 1
-    with pytest.raises(StageFailedError):
-        TileLayout.fitting(1000, least - 1)
+@pytest.mark.parametrize("faces", [4, 1000, 6424, 100_000])
+def test_a_hull_of_too_many_faces_gets_the_smallest_maps_that_hold_it(faces):
+    least = least_texels(faces)
+    assert TileLayout.fitting(faces, least).side >= 1
+    cramped = TileLayout.fitting(faces, 4)
+    assert cramped == TileLayout.fitting(faces, least)
+    assert max(cramped.width, cramped.height) <= least <= 800
+    assert ((least - 1) // 4) * ((least - 1) // 3) < (faces + 1) // 2
 
 
 def test_the_right_angle_stands_opposite_the_longest_side():
@@ -277,6 +279,38 @@ def test_hull_normals_face_the_faces_about_them_where_any_direction_does(seed):
         possible = (around @ directions.T).min(axis=0).max()
         if possible > 0.05:
             assert (around @ normals[vertex]).min() > 0.0
+
+
+def seen_normals(positions, faces, towards, size, read):
+    """(size^2, 3) normals an orthographic camera sees, zero where nothing; read(face, weights) -> normals."""
+    x, y = np.meshgrid(*[(np.arange(size) + 0.5) / size * 2.1 - 1.05] * 2)
+    right = np.cross([0.1, 1.0, 0.2], towards)
+    right /= np.linalg.norm(right)
+    origins = x.reshape(-1, 1) * right + y.reshape(-1, 1) * np.cross(towards, right) + 3.0 * towards
+    face, weights, _ = Surface(positions, faces).shoot(origins, np.tile(-towards, (size * size, 1)), outer=True)
+    normals = np.zeros((size * size, 3))
+    hit = face >= 0
+    normals[hit] = read(face[hit], weights[hit])
+    return normals
+
+
+@pytest.mark.heavy
+def test_the_bunny_looks_as_its_original():
+    bunny = trimesh.load(shared("bunny_closed.ply"), process=False)
+    positions, faces, _ = normalised((np.asarray(bunny.vertices), np.asarray(bunny.faces, np.int32)))
+    normals = vertex_normals(positions, faces)
+    built = build_hull(positions, faces, 1000, quiet)
+    hull = (built.positions, built.faces, hull_normals(built.positions, built.faces))
+    maps = bake(hull, (positions, faces), texels=1024)
+    assert maps.missed < 0.01 * maps.texel_count
+    angles = []
+    for eye in eyes(0, orthographic=4):
+        original = seen_normals(positions, faces, eye[:3], 200, lambda f, w: bake_tiles.sampled_normals(positions, faces, normals, f, w))
+        mapped = seen_normals(built.positions, built.faces, eye[:3], 200, lambda f, w: decoded(maps, f, w))
+        both = (original != 0).any(axis=1) & (mapped != 0).any(axis=1)
+        angles.append(degrees_between(mapped[both], original[both]))
+    assert np.median(np.concatenate(angles)) < 3.0
+    assert np.percentile(np.concatenate(angles), 90) < 15.0
 
 
 # ---- colours
