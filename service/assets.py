@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from backend.artifacts import open_artifact
 from backend.store import Store
@@ -80,6 +81,15 @@ class MeshAsset:
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         choice = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], bool)
         return np.where(choice, high, low).astype(np.float64)
+
+    @cached_property
+    def convex_planes(self) -> F8:
+        """(k, 4) f8 unit outward planes of the hull's convex hull: n . p + d is at most 0 inside. No planes for a flat one."""
+        assert self.hull is not None
+        try:
+            return ConvexHull(self.hull["positions"].astype(np.float64)).equations
+        except QhullError:
+            return np.empty((0, 4))
 
     @cached_property
     def radius(self) -> float:

@@ -31,6 +31,7 @@ _FRAMEBUFFER_COMPLETE = 0x8CD5
 
 _U, _I = ctypes.c_uint, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "glFlush": (None,),
     "glEnable": (None, _U),
     "glDisable": (None, _U),
     "glClear": (None, _U),
@@ -84,6 +85,10 @@ class GlContext:
         error = self.ctx.error
         if error != "GL_NO_ERROR":
             raise RuntimeError(f"the GL reported {error}")
+
+    def flush(self) -> None:
+        """Let the GL begin with what it was given, without waiting for it."""
+        self._gl["glFlush"]()
 
     def attach_depth_stencil(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
         """Give a framebuffer a depth and stencil buffer, 24 + 8 bits; the name to delete it by."""

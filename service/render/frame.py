@@ -27,7 +27,7 @@ from service.render.passes.segments import project_segments
 from service.render.passes.stencil import count_windings
 from service.render.passes.surface import draw_surface
 from service.render.plan import Plan, plan_frame
-from service.render.state import FrameState, Gpu, Tile, parse_color
+from service.render.state import BORDER, FrameState, Gpu, Tile, parse_color
 
 Make = Callable[[FrameState], None]
 
@@ -47,21 +47,19 @@ FRAME = (
     Pass("edges", find_edges),
     Pass("loops", make_loops),
     Pass("segments", project_segments),
-    Pass("coverage", make_coverage),
     Pass("clear", clear_target, each_tile=True, draws=True),
     Pass("stencil", count_windings, each_tile=True, draws=True),
     Pass("surface", draw_surface, each_tile=True, draws=True),
     Pass("rim", draw_rim, each_tile=True, draws=True),
     Pass("outline", draw_outline, each_tile=True, draws=True),
     Pass("interior", fill_interior, each_tile=True, draws=True),
+    Pass("coverage", make_coverage, each_tile=True),
     Pass("resolve", resolve_samples, each_tile=True, draws=True),
     Pass("read", read_pixels, each_tile=True),
     Pass("composite", compose, each_tile=True),
 )
 """Everything a frame can do, in order; a plan says which of it one frame does."""
 
-BORDER = 2
-"""Pixels around the projected bounds that are drawn too: the rim and the outline reach one pixel beyond the surface."""
 TILE_SAMPLES = 2048
 """Samples along a side of a tile: bounds the GL's memory whatever the size of the image."""
 
@@ -70,7 +68,8 @@ TILE_SAMPLES = 2048
 class RenderedImage:
     """A picture. pixels: (h, w, 4) u1 sRGB, straight alpha, row 0 at the top.
 
-    passes: (name, milliseconds) in order. plan: the names of the passes that ran. rung: source/antialias that was drawn.
+    passes: (name, milliseconds) in order; unless each was waited for, "read" waits for what the drawing passes began. plan: the
+    names of the passes that ran. rung: source/antialias that was drawn.
     error_px: how far the outline may be off, pixels, where that is known.
     """
 
@@ -81,8 +80,11 @@ class RenderedImage:
     error_px: float | None
 
 
-def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest) -> RenderedImage:
-    """Draw one picture. Raises CapabilityError and InvalidRequestError; RuntimeError when the GL reports an error."""
+def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, wait_each: bool = False) -> RenderedImage:
+    """Draw one picture. wait_each: wait for the GL after every pass that draws, for true times of each; a frame takes longer so.
+
+    Raises CapabilityError and InvalidRequestError; RuntimeError when the GL reports an error.
+    """
     view = resolve_camera(request.camera, asset.frame, request.width, request.height, asset.radius)
     plan = plan_frame(request, asset, view.eye)
     background = None if request.background == "transparent" else parse_color(request.background)
@@ -92,12 +94,12 @@ def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest) -> Rendered
     times: dict[str, float] = {}
     for step in steps:
         if not step.each_tile and (frame.area.width or step.make is make_background):
-            _run(step, frame, times)
+            _run(step, frame, times, wait_each)
     for tile in tiles_of(plan, frame.area):
         frame.tile = tile
         for step in steps:
             if step.each_tile:
-                _run(step, frame, times)
+                _run(step, frame, times, wait_each)
     gpu.gl.check()
     return RenderedImage(frame.image, tuple(times.items()), tuple(times), plan.rung, None)
 
@@ -112,10 +114,10 @@ def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
     ]
 
 
-def _run(step: Pass, frame: FrameState, times: dict[str, float]) -> None:
+def _run(step: Pass, frame: FrameState, times: dict[str, float], wait: bool) -> None:
     start = time.perf_counter()
     step.make(frame)
-    if step.draws:
+    if wait and step.draws:
         frame.gpu.ctx.finish()
     times[step.name] = times.get(step.name, 0.0) + (time.perf_counter() - start) * 1e3
 
@@ -125,14 +127,12 @@ def _visible(asset: MeshAsset, plan: Plan, view: View) -> Tile:
     clipped = plan.source is Source.CLIPPED and asset.hull is not None
     points = asset.hull["positions"] if clipped and asset.hull is not None else asset.corners
     clip = project(view, points)
-    if np.all(clip[:, 3] <= 0.0):
+    beyond = np.abs(clip[:, :2]) > np.maximum(clip[:, 3:], 0.0) * (1.0 + 2.0 * BORDER / np.array([view.width, view.height]))
+    sides = np.hstack([beyond & (clip[:, :2] < 0.0), beyond & (clip[:, :2] > 0.0), clip[:, 3:] <= 0.0])
+    if np.any(np.all(sides, axis=0)):
         return Tile(0, 0, 0, 0)
+    whole = Tile(0, 0, view.width, view.height)
     if np.any(clip[:, 3] <= 0.0):
-        return Tile(0, 0, view.width, view.height)
+        return whole
     pixels = to_pixels(view, clip)
-    size = (view.width, view.height)
-    low = np.clip(np.floor(pixels.min(axis=0)) - BORDER, 0, size).astype(int)
-    high = np.clip(np.ceil(pixels.max(axis=0)) + BORDER, 0, size).astype(int)
-    if np.any(high <= low):
-        return Tile(0, 0, 0, 0)
-    return Tile(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
+    return whole.within(pixels.min(axis=0), pixels.max(axis=0))

@@ -105,17 +105,20 @@ class GpuCache:
             fields_of(rows.dtype),
             self._ctx.buffer(rows.tobytes()),
             None if indices is None else self._ctx.buffer(indices.tobytes()),
-            {name: self._texture(image, srgb=name == "color_map") for name, image in images.items()},
+            {name: self._texture(image, srgb=name == "color_map", repeat=source is Source.ORIGINAL) for name, image in images.items()},
             frozenset(definitions),
             rows.nbytes + (0 if indices is None else indices.nbytes) + sum(4 * i.shape[0] * i.shape[1] for i in images.values()),
         )
 
-    def _texture(self, image: Array, *, srgb: bool) -> moderngl.Texture:
+    def _texture(self, image: Array, *, srgb: bool, repeat: bool) -> moderngl.Texture:
         height, width, channels = image.shape
         data = np.ascontiguousarray(image).tobytes()
         if srgb:
-            return self._ctx.texture((width, height), channels, data, alignment=1, internal_format=SRGB8_ALPHA8)
-        return self._ctx.texture((width, height), channels, data, alignment=1)
+            texture = self._ctx.texture((width, height), channels, data, alignment=1, internal_format=SRGB8_ALPHA8)
+        else:
+            texture = self._ctx.texture((width, height), channels, data, alignment=1)
+        texture.repeat_x = texture.repeat_y = repeat
+        return texture
 
 
 def has_color(asset: MeshAsset, source: Source) -> bool:

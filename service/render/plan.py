@@ -10,7 +10,6 @@ from schemas.conventions import F8
 from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.render import Antialias, RenderRequest, ShadingMode, Source
 from service.assets import MeshAsset
-from service.kernels.separation import is_separated
 
 ALWAYS = frozenset({"background"})
 DRAWN = frozenset({"clear", "read", "composite"})
@@ -33,6 +32,9 @@ SURFACE: dict[tuple[Source, Antialias], frozenset[str]] = {
     (Source.ORIGINAL, Antialias.SSAA): frozenset({"surface", "resolve"}),
 }
 """Passes that colour it; the rungs there are, by source. The rim colours pixels that the outline touches but no surface does."""
+
+CERTAIN = 1e-6
+"""Normalised units by which an eye must be outside to count as outside."""
 
 SAMPLE_GRID: dict[Antialias, int] = {Antialias.MSAA: 2, Antialias.SSAA: 4}
 """Samples a pixel has along each side, where it is not one."""
@@ -74,7 +76,7 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
         passes |= _bare_mask(antialias)
     else:
         passes |= SURFACE[source, antialias] | DRAWN
-    closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside(asset.corners, eye))
+    closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, eye))
     return Plan(source, antialias, mode, passes, closed)
 
 
@@ -105,13 +107,19 @@ def _why_not_clipped(asset: MeshAsset, eye: F8) -> str | None:
     """
     if not asset.clippable or asset.hull is None:
         return asset.clip.reason or "the mesh was not prepared for clipping"
-    if not _is_outside(asset.hull["positions"], eye, asset.radius):
+    if not _is_outside_convex_hull(asset, eye):
         return "the eye is inside the convex hull of the mesh's hull, where a silhouette does not clip"
     return None
 
 
-def _is_outside(points: F8, eye: F8, radius: float = np.inf) -> bool:
-    """Whether the eye is certainly outside the convex hull of points (n, 3), all within `radius` of the origin."""
-    if eye[3] == 0.0 or float(np.linalg.norm(eye[:3])) > radius * (1.0 + 1e-6):
+def _is_outside_convex_hull(asset: MeshAsset, eye: F8) -> bool:
+    """Whether the eye is certainly outside the convex hull of the mesh's hull."""
+    if eye[3] == 0.0 or float(np.linalg.norm(eye[:3])) > asset.radius * (1.0 + CERTAIN):
         return True
-    return bool(is_separated(points, eye[:3]))
+    planes = asset.convex_planes
+    return bool(np.any(planes[:, :3] @ eye[:3] + planes[:, 3] > CERTAIN))
+
+
+def _is_outside_box(asset: MeshAsset, eye: F8) -> bool:
+    """Whether the eye is certainly outside the mesh's bounding box."""
+    return bool(eye[3] == 0.0 or np.any(eye[:3] < asset.corners[0] - CERTAIN) or np.any(eye[:3] > asset.corners[-1] + CERTAIN))

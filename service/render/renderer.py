@@ -33,12 +33,13 @@ class _Job:
 class Renderer:
     """Draws frames in a thread of its own, one after the other.
 
-    queue_depth: frames that may wait. gpu_cache_mib: of meshes and maps kept in the GL.
+    queue_depth: frames that may wait. gpu_cache_mib: of meshes and maps kept in the GL. wait_each: see `render_frame`.
     """
 
-    def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512) -> None:
+    def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, wait_each: bool = False) -> None:
         self._jobs: queue.Queue[_Job | None] = queue.Queue(queue_depth)
         self._cache_mib = gpu_cache_mib
+        self._wait_each = wait_each
         self._thread: threading.Thread | None = None
         self._open = False
         self._lock = threading.Lock()
@@ -99,7 +100,7 @@ class Renderer:
         if not job.future.set_running_or_notify_cancel():
             return
         try:
-            image = render_frame(gpu, job.asset, job.request)
+            image = render_frame(gpu, job.asset, job.request, wait_each=self._wait_each)
         except Exception as error:
             job.future.set_exception(error)
             return

@@ -22,6 +22,8 @@ from service.render.targets import Target, Targets
 from service.silhouette.contours import Contours
 
 LINEAR_TABLE = linear_table()
+BORDER = 2
+"""Pixels about the bounds of a surface that are drawn too: rim and outline reach one pixel beyond it."""
 Color = tuple[int, int, int]
 
 
@@ -91,12 +93,21 @@ class Gpu:
 
 @dataclass(frozen=True)
 class Tile:
-    """A rectangle of the image, pixels from the top left."""
+    """A rectangle of the image, pixels from the top left. Empty ones have no width and no height."""
 
     x: int
     y: int
     width: int
     height: int
+
+    def within(self, low: F8, high: F8) -> Tile:
+        """The part of it that lies between two points (2,), in pixels, and a border about them."""
+        corner, end = (self.x, self.y), (self.x + self.width, self.y + self.height)
+        first = np.clip(np.floor(low) - BORDER, corner, end)
+        last = np.clip(np.ceil(high) + BORDER, corner, end)
+        if not np.all(first < last):
+            return Tile(self.x, self.y, 0, 0)
+        return Tile(int(first[0]), int(first[1]), int(last[0] - first[0]), int(last[1] - first[1]))
 
 
 @dataclass
