@@ -77,7 +77,7 @@ def serve(
 def worker() -> None:
     """Run one more worker for a service that uses a Redis of its own.
 
-    `SILHOUETTE_REDIS_URL=redis://host:6379/0 SILHOUETTE_DATA_DIR=/data silhouette worker`
+    `SILHOUETTE_REDIS_URL=redis://host:6379/0 silhouette worker`
     """
     _become("worker", [])
 
@@ -320,14 +320,20 @@ def _facts(mesh: MeshInfo) -> list[tuple[str, str]]:
     if mesh.error:
         facts.append(("error", f"[red]{_escaped(mesh.error.detail)}"))
     if mesh.stats:
-        facts += [(name, f"{value:,}" if isinstance(value, int) else str(value)) for name, value in mesh.stats]
+        facts += [(name, _plain(value)) for name, value in mesh.stats if name != "bounds"]
+        facts.append(("bounds", " to ".join("({})".format(", ".join(f"{x:.6g}" for x in corner)) for corner in mesh.stats.bounds)))
     if mesh.hull:
         facts.append(("hull", f"{mesh.hull.faces:,} faces, {mesh.hull.volume_excess:.1%} more volume"))
     for name, capability in mesh.capabilities.items():
         facts.append((name, "yes" if capability.available else f"no: {capability.reason}"))
     facts += [(f"stage {s.name}", f"{s.status} {'' if s.seconds is None else f'{s.seconds:.2f} s'}") for s in mesh.stages]
-    facts += [(f"repair {name}", str(value)) for name, value in (mesh.repairs or {}).items()]
-    return facts
+    return facts + [(name.replace("_", " "), _plain(value)) for name, value in (mesh.repairs or {}).items() if value]
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:,}" if isinstance(value, int) else str(value)
 
 
 if __name__ == "__main__":

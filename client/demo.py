@@ -30,7 +30,7 @@ PORTRAIT = {"camera": {"orbit": {"azimuth_deg": 30.0, "elevation_deg": 20.0}}, "
 WAYS = {
     "original mesh": {"source": "original", "antialias": "none"},
     "original mesh, MSAA": {"source": "original", "antialias": "msaa"},
-    "clipped hull, exact coverage": {"source": "clipped", "antialias": "coverage"},
+    "clipped hull, coverage": {"source": "clipped", "antialias": "coverage"},
 }
 """What is compared: the mesh as a graphics library would draw it, and this service's own way."""
 
@@ -114,8 +114,8 @@ def _tell(mesh: MeshInfo, silhouette: dict[str, Any] | None, measured: dict[str,
         skipped = stage.status is StageStatus.SKIPPED or stage.seconds is None
         stages.add_row(stage.name, "[dim]skipped" if skipped else f"{stage.seconds:.2f}")
     frames = Table(
-        f"one frame, {SIZE}x{SIZE}", "ms in the service", "ms round trip", "against MSAA",
-        title=f"rendering, median of {len(AZIMUTHS_DEG)} views", title_justify="left", box=None, header_style="dim", padding=(0, 2),
+        "drawn", "in the service", "round trip, PNG", "against MSAA",
+        title=f"one frame of {SIZE}x{SIZE}, milliseconds, median of {len(AZIMUTHS_DEG)} views", title_justify="left", box=None, header_style="dim", padding=(0, 2),
     )  # fmt: skip
     for column in frames.columns[1:]:
         column.justify = "right"
