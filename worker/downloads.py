@@ -13,8 +13,8 @@ from PIL import Image
 from geometry.topology import face_normals
 from schemas.conventions import F4, F8, I4, U1, Array, Frame
 from worker.bake import Maps, TileLayout
+from worker.kernels import bake_tiles
 
-ROWS_AT_ONCE = 256
 FLOAT, LINEAR, CLAMP_TO_EDGE, ARRAY_BUFFER = 5126, 9729, 33071, 34962  # glTF's (OpenGL's) numbers
 
 
@@ -99,14 +99,9 @@ def _tangent_frames(positions: F4, faces: I4, tile_uv: F4) -> tuple[F8, F8]:
 def _tangent_map(maps: Maps, basis: F8) -> U1:
     """(h, w, 3) u1: the normal map in the frames of the faces that the texels belong to."""
     height, width = maps.normal.shape[:2]
-    owners = TileLayout.of(maps.tile_uv, width, height).owners()
+    layout = TileLayout.of(maps.tile_uv, width, height)
     out = np.full_like(maps.normal, (128, 128, 255))
-    for start in range(0, height, ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
-        own = owners[rows] >= 0
-        normal = maps.normal[rows][own].astype(np.float64) / 127.5 - 1.0
-        local = np.einsum("nij,nj->ni", basis[owners[rows][own]], normal)
-        out[rows][own] = np.rint(np.clip(local, -1.0, 1.0) * 127.5 + 127.5).astype(np.uint8)
+    bake_tiles.turned_normals(maps.normal, basis, layout.side, layout.columns, out)
     return out
 
 

@@ -189,3 +189,17 @@ def tile_owners(face_count, side, columns, height, width):
                     row, column = texel_at(f, i, j, side, columns)
                     owner[row, column] = f
     return owner
+
+
+@njit(cache=True)
+def turned_normals(normal, basis, side, columns, out):
+    """Write into out (h, w, 3) u1 the encoded normals (h, w, 3) u1 of every tile, padding included, turned by basis (hf, 3, 3) f8."""
+    for f in range(basis.shape[0]):
+        for j in range(side + 1):
+            for i in range(min(side, side + 1 - j) + 1):
+                row, column = texel_at(f, i, j, side, columns)
+                for k in range(3):
+                    turned = 0.0
+                    for axis in range(3):
+                        turned += basis[f, k, axis] * (normal[row, column, axis] / 127.5 - 1.0)
+                    out[row, column, k] = np.uint8(round(min(1.0, max(-1.0, turned)) * 127.5 + 127.5))
