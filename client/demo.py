@@ -34,6 +34,8 @@ WAYS = {
 }
 """What is compared: the mesh as a graphics library would draw it, and this service's own way."""
 
+TABLE: dict[str, Any] = {"title_justify": "left", "box": None, "header_style": "dim", "padding": (0, 2)}
+
 BASELINE = "original mesh, MSAA"
 
 
@@ -108,15 +110,13 @@ def _measure(client: Client, mesh_id: str, accuracy: dict[str, str]) -> Frames:
 
 
 def _tell(mesh: MeshInfo, silhouette: dict[str, Any] | None, measured: dict[str, Frames], console: Console) -> None:
-    stages = Table("stage", "seconds", title="preprocessing, once", title_justify="left", box=None, header_style="dim", padding=(0, 2))
+    stages = Table("stage", "seconds", title="preprocessing, once", **TABLE)
     stages.columns[1].justify = "right"
     for stage in mesh.stages:
         skipped = stage.status is StageStatus.SKIPPED or stage.seconds is None
         stages.add_row(stage.name, "[dim]skipped" if skipped else f"{stage.seconds:.2f}")
-    frames = Table(
-        "drawn", "in the service", "round trip, PNG", "against MSAA",
-        title=f"one frame of {SIZE}x{SIZE}, milliseconds, median of {len(AZIMUTHS_DEG)} views", title_justify="left", box=None, header_style="dim", padding=(0, 2),
-    )  # fmt: skip
+    title = f"one frame of {SIZE}x{SIZE}, milliseconds, median of {len(AZIMUTHS_DEG)} views"
+    frames = Table("drawn", "in the service", "round trip, PNG", "against MSAA", title=title, **TABLE)
     for column in frames.columns[1:]:
         column.justify = "right"
     for name, frame in measured.items():

@@ -84,9 +84,13 @@ def octahedron(store: Store) -> MeshAsset:
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int32)
     edges = build_edges(faces)
     count = len(edges.vertices)
-    one_node = {"scaled_normal": np.zeros((1, 3), np.float32), "front_anchor": np.zeros((1, 3), np.float32)}
+    one_node: dict[str, Array] = {"scaled_normal": np.zeros((1, 3), np.float32), "front_anchor": np.zeros((1, 3), np.float32)}
     one_node |= {"back_anchor": np.zeros((1, 3), np.float32), "separation": np.zeros(1, np.float32)}
-    order = {"skip": np.array([1], np.int32), "edge_start": np.array([0, count], np.int32), "edge_index": np.arange(count, dtype=np.int32)}
+    order: dict[str, Array] = {
+        "skip": np.array([1], np.int32),
+        "edge_start": np.array([0, count], np.int32),
+        "edge_index": np.arange(count, dtype=np.int32),
+    }
     uv = np.tile(np.array([[0, 0], [1, 0], [0, 1]], np.float32), (len(faces), 1, 1))
     hull = {"positions": positions * np.float32(HULL_SIZE), "faces": faces, "normals": positions}
     files: list[tuple[Layout, Mapping[str, Array]]] = [
