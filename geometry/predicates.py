@@ -15,6 +15,7 @@ from geometry import expansions as ex
 ORIENT_ERROR = 7.771561172376103e-16
 # products below this may have lost bits to underflow, which the relative bound does not see
 UNDERFLOW_GUARD = 1e-280
+_RAISE, _RAISABLE = 2.0**500, 2.0**400
 
 
 @njit(cache=True)
@@ -26,9 +27,11 @@ def _exact_orient(a, b, c, x, y, z, w):
     vx, nvx = ex.difference(np.float64(c[0]), np.float64(a[0]))
     vy, nvy = ex.difference(np.float64(c[1]), np.float64(a[1]))
     vz, nvz = ex.difference(np.float64(c[2]), np.float64(a[2]))
-    dx, ndx = ex.difference(x, np.float64(a[0]) * w)
-    dy, ndy = ex.difference(y, np.float64(a[1]) * w)
-    dz, ndz = ex.difference(z, np.float64(a[2]) * w)
+    # the sign is that of any positive multiple of the last column: raised, the smallest eyes do not underflow
+    s = _RAISE if max(abs(x), abs(y), abs(z)) < _RAISABLE else 1.0
+    dx, ndx = ex.difference(x * s, np.float64(a[0]) * w * s)
+    dy, ndy = ex.difference(y * s, np.float64(a[1]) * w * s)
+    dz, ndz = ex.difference(z * s, np.float64(a[2]) * w * s)
     total = np.empty(200)
     n = _add_minor_product(total, 0, uy, nuy, vz, nvz, uz, nuz, vy, nvy, dx, ndx)
     n = _add_minor_product(total, n, uz, nuz, vx, nvx, ux, nux, vz, nvz, dy, ndy)

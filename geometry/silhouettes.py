@@ -168,4 +168,3 @@ def silhouette_simd(planes, positions, faces, edge_vertices, edge_faces, eye):
         start = 1 - (side[edge_faces[i, 0]] >> 1)
         out[k, 0], out[k, 1] = edge_vertices[i, start], edge_vertices[i, 1 - start]
     return out
-

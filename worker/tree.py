@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from schemas.conventions import F4, F8, I4, Array
 from worker.kernels import cones, forest, tree_layout, tree_links
 
+T = TypeVar("T", bound=np.generic)
 _LINKS_A_CHUNK = 50_000  # some 0.1 s each: progress is also where a cancelled build stops
 _ROUNDS_A_CHUNK = 50_000
 _NODES_A_CHUNK = 2_000
@@ -70,6 +73,8 @@ def build_tree(positions: F4, faces: I4, edge_vertices: I4, edge_faces: I4, prog
     """
     if not np.all(np.isfinite(positions)):
         raise ValueError("a tree needs finite positions")
+    positions, faces = _frozen(positions, np.float32), _frozen(faces, np.int32)
+    edge_vertices, edge_faces = _frozen(edge_vertices, np.int32), _frozen(edge_faces, np.int32)
     normals, offsets = np.empty((len(faces), 3)), np.empty(len(faces))
     kinds = np.empty(len(faces), np.uint8)
     cones.face_constraints(positions, faces, normals, offsets, kinds)
@@ -78,6 +83,13 @@ def build_tree(positions: F4, faces: I4, edge_vertices: I4, edge_faces: I4, prog
     state = _empty_forest(surface, _candidate_links(surface))
     _grow(state, surface, progress)
     return _finish(state, surface, progress)
+
+
+def _frozen(values: Array, kind: type[T]) -> npt.NDArray[T]:
+    """Contiguous and read-only, as a mapped artifact is: one array type for the compiler wherever the mesh comes from."""
+    view = np.ascontiguousarray(values, kind).view()
+    view.flags.writeable = False
+    return view
 
 
 def _candidate_links(surface: _Surface) -> I4:
@@ -152,9 +164,7 @@ def _finish(state: forest.Forest, surface: _Surface, progress: Callable[[float],
     roots = state.node[state.owner == np.arange(e)]
     skip, edge_start = np.empty(2 * e, np.int32), np.empty(2 * e + 1, np.int32)
     edge_index = np.empty(e, np.int32)
-    n = tree_layout.flatten(
-        roots, state.first_edge, state.next_edge, state.first_child, state.next_sibling, skip, edge_start, edge_index
-    )
+    n = tree_layout.flatten(roots, state.first_edge, state.next_edge, state.first_child, state.next_sibling, skip, edge_start, edge_index)
     tree = _cones(skip[:n].copy(), edge_start[: n + 1].copy(), edge_index, surface, progress)
     progress(1.0)
     return tree
@@ -170,5 +180,5 @@ def _cones(skip: I4, edge_start: I4, edge_index: I4, surface: _Surface, progress
             begin, min(begin + _NODES_A_CHUNK, n), skip, edge_start, edge_index, surface.edge_faces, surface.positions,
             surface.faces, surface.normals, surface.offsets, surface.kinds, mark, index, scaled, front, back, separation, miss,
         )  # fmt: skip
-        progress(0.85 + 0.15 * begin / n)
+        progress(0.86 + 0.14 * begin / n)
     return Tree(scaled, front, back, separation, skip, edge_start, edge_index)

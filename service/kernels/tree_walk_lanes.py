@@ -1,7 +1,7 @@
-"""Eight cones or eight edges at once: LLVM vectors behind two functions for numba kernels.
+"""Eight cones, faces or edges at once: LLVM vectors behind functions for numba kernels.
 
 Numba vectorises loops only where it can prove that arrays do not overlap, which short loops over packed blocks never
-allow; so the two tests are written as vector instructions here. LLVM lowers eight float lanes to whatever the CPU has.
+allow; so the tests are written as vector instructions here. LLVM lowers eight float lanes to whatever the CPU has.
 """
 
 from __future__ import annotations
@@ -15,23 +15,27 @@ LANES = 8
 NODE_ROWS = 12
 """Rows of a node block, LANES float32 each: scaled normal (3), front anchor (3), back anchor (3), scaled normal . front
 anchor, separation, length of the scaled normal."""
-EDGE_ROWS = 8
-"""Rows of an edge block: plane of the left face (x, y, z, d), plane of the right face."""
+FACE_ROWS = 4
+"""Rows of a face block: x, y, z, d of its planes."""
+END_FLOATS = 4
+"""Floats an edge block takes: a byte for the left and one for the right face of each edge."""
+LEAF_FACES = 64
+"""Faces of a leaf: their sides are the bits of a word."""
 
-SET_BITS = np.zeros((256, LANES), np.int32)
+SET_BITS = np.array([([j for j in range(LANES) if m >> j & 1] + [0] * LANES)[:LANES] for m in range(256)], np.int32)
 """Row m: the numbers of the set bits of m, in order, then zeros."""
-for _mask in range(256):
-    _bits = [j for j in range(LANES) if _mask >> j & 1]
-    SET_BITS[_mask, : len(_bits)] = _bits
 BIT_COUNT = np.array([bin(m).count("1") for m in range(256)], np.uint8)
 
 _FLOAT = ir.FloatType()
 _LANE = ir.VectorType(_FLOAT, LANES)
 _MASK = ir.IntType(LANES)
 _WORD = ir.IntType(32)
-_ARRAY = types.Array(types.float32, 1, "C")
-_INTS = types.Array(types.int32, 1, "C")
+_LONG = ir.IntType(64)
 _INT_LANE = ir.VectorType(_WORD, LANES)
+_BYTE_LANE = ir.VectorType(ir.IntType(8), LANES)
+_LONG_LANE = ir.VectorType(_LONG, LANES)
+_FLOATS = types.Array(types.float32, 1, "C")
+_INTS = types.Array(types.int32, 1, "C")
 
 
 def _rows(context, builder, signature, args, count):
@@ -47,10 +51,10 @@ def _rows(context, builder, signature, args, count):
     return loaded
 
 
-def _splat(builder, value):
-    zero = ir.Constant(_WORD, 0)
-    one = builder.insert_element(ir.Constant(_LANE, ir.Undefined), value, zero)
-    return builder.shuffle_vector(one, ir.Constant(_LANE, ir.Undefined), ir.Constant(_INT_LANE, [0] * LANES))
+def _splat(builder, value, lane=_LANE):
+    nothing = ir.Constant(lane, ir.Undefined)
+    one = builder.insert_element(nothing, value, ir.Constant(_WORD, 0))
+    return builder.shuffle_vector(one, nothing, ir.Constant(_INT_LANE, [0] * LANES))
 
 
 def _dot(builder, a, b):
@@ -58,9 +62,9 @@ def _dot(builder, a, b):
     return builder.fadd(builder.fadd(x, y), z)
 
 
-def _word(builder, lanes, shift):
-    """Eight booleans as bits shift.. of a 32-bit word."""
-    return builder.shl(builder.zext(builder.bitcast(lanes, _MASK), _WORD), ir.Constant(_WORD, shift))
+def _bits(builder, lanes, shift):
+    """Eight booleans as bits shift.. of a 64-bit word."""
+    return builder.shl(builder.zext(builder.bitcast(lanes, _MASK), _LONG), ir.Constant(_LONG, shift))
 
 
 def _reached(builder, along, offset):
@@ -78,7 +82,7 @@ def missed_cones(typingctx, nodes, at, x, y, z, w, w_back, margin):
     (x, y, z, w) f4 the eye, w_back: w, or a tiny number for an eye at infinity (a separation of 3e38 still fails then).
     margin: what both tests must hold by, for a scaled normal of length one.
     """
-    signature = types.uint32(_ARRAY, types.intp, *([types.float32] * 6))
+    signature = types.uint64(_FLOATS, types.intp, *([types.float32] * 6))
 
     def codegen(context, builder, sig, args):
         r = _rows(context, builder, sig, args, NODE_ROWS)
@@ -91,33 +95,48 @@ def missed_cones(typingctx, nodes, at, x, y, z, w, w_back, margin):
         front = _reached(builder, builder.fsub(along, slack), from_front)
         backwards = builder.fsub(builder.fsub(builder.fneg(along), builder.fmul(r[10], w_back_)), slack)
         back = _reached(builder, backwards, from_back)
-        return _word(builder, builder.not_(builder.or_(front, back)), 0)
+        return _bits(builder, builder.not_(builder.or_(front, back)), 0)
 
     return signature, codegen
 
 
 @intrinsic
-def edge_sides(typingctx, planes, at, x, y, z, w, bound):
-    """Word of four bytes for the edge block at float `at`, bit j of each for lane j.
-
-    Byte 0: the left face is surely front; byte 1: the right face is; byte 2: the left face is doubtful; byte 3: the right is.
-    """
-    signature = types.uint32(_ARRAY, types.intp, *([types.float32] * 5))
+def face_sides(typingctx, leaves, at, x, y, z, w, bound):
+    """Word of two bytes for the eight planes at float `at`: bit j of byte 0 says that the eye is surely in front of plane j,
+    bit j of byte 1 that it is doubtful."""
+    signature = types.uint64(_FLOATS, types.intp, *([types.float32] * 5))
 
     def codegen(context, builder, sig, args):
-        r = _rows(context, builder, sig, args, EDGE_ROWS)
+        plane = _rows(context, builder, sig, args, FACE_ROWS)
         eye = [_splat(builder, a) for a in args[2:5]]
         w_, bound_ = _splat(builder, args[5]), _splat(builder, args[6])
-        below = builder.fneg(bound_)
-        word = ir.Constant(_WORD, 0)
+        height = builder.fadd(_dot(builder, plane[:3], eye), builder.fmul(plane[3], w_))
+        front = builder.fcmp_ordered(">", height, bound_)
+        back = builder.fcmp_ordered("<", height, builder.fneg(bound_))
+        doubtful = builder.not_(builder.or_(front, back))
+        return builder.or_(_bits(builder, front, 0), _bits(builder, doubtful, LANES))
+
+    return signature, codegen
+
+
+@intrinsic
+def edge_sides(typingctx, leaves, at, front):
+    """Word of two bytes for the eight edges whose faces' numbers are the sixteen bytes at float `at`: left ones, right ones.
+
+    front: bit k says that face k of the leaf is front. Bit j of byte 0: the left face of edge j is front; of byte 1: the right.
+    """
+    signature = types.uint64(_FLOATS, types.intp, types.uint64)
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        rows = builder.bitcast(builder.gep(array.data, [args[1]]), _BYTE_LANE.as_pointer())
+        faces = _splat(builder, args[2], _LONG_LANE)
+        word = ir.Constant(_LONG, 0)
         for side in range(2):
-            plane = r[4 * side : 4 * side + 4]
-            height = builder.fadd(_dot(builder, plane[:3], eye), builder.fmul(plane[3], w_))
-            front = builder.fcmp_ordered(">", height, bound_)
-            back = builder.fcmp_ordered("<", height, below)
-            doubtful = builder.not_(builder.or_(front, back))
-            word = builder.or_(word, _word(builder, front, 8 * side))
-            word = builder.or_(word, _word(builder, doubtful, 16 + 8 * side))
+            row = builder.load(builder.gep(rows, [ir.Constant(_LONG, side)]))
+            row.align = 4
+            bit = builder.lshr(faces, builder.zext(row, _LONG_LANE))
+            word = builder.or_(word, _bits(builder, builder.trunc(bit, ir.VectorType(ir.IntType(1), LANES)), LANES * side))
         return word
 
     return signature, codegen
@@ -136,9 +155,7 @@ def append_lanes(typingctx, out, at, set_bits, mask, base):
         row = builder.mul(args[3], ir.Constant(args[3].type, LANES))
         bits = builder.load(builder.bitcast(builder.gep(table.data, [row]), _INT_LANE.as_pointer()))
         bits.align = 4
-        one = builder.insert_element(ir.Constant(_INT_LANE, ir.Undefined), args[4], ir.Constant(_WORD, 0))
-        start = builder.shuffle_vector(one, ir.Constant(_INT_LANE, ir.Undefined), ir.Constant(_INT_LANE, [0] * LANES))
-        value = builder.add(start, builder.add(bits, bits))
+        value = builder.add(_splat(builder, args[4], _INT_LANE), builder.add(bits, bits))
         array = context.make_array(sig.args[0])(context, builder, args[0])
         store = builder.store(value, builder.bitcast(builder.gep(array.data, [args[1]]), _INT_LANE.as_pointer()))
         store.align = 4

@@ -1,10 +1,11 @@
 """Packs a preorder silhouette forest into blocks of eight for the walk.
 
-A *node block* holds up to eight cones tested together; each has the edge blocks it guards and the node block below it, or
--1. Roots, and children beyond eight, run on in the `next` block. A block is filled up with grandchildren where there is room:
-the child least likely to be culled gives its place to its own children, its edges keep its cone.
+A *node block* holds up to eight cones tested together; each has the leaves it guards and the node block below it, or -1.
+A *leaf* holds the planes of up to LEAF_FACES faces, eight to a block, and edges that name their faces by their number in it.
+Roots, and children beyond eight, run on in the `next` block. A block is filled up with grandchildren where there is room:
+the child most likely to be walked for the lanes it takes gives its place to its own children; its edges keep its cone.
 
-Blocks are numbered breadth first, in the order of the walk, so that what is visited together lies together.
+Blocks and leaves are numbered breadth first, in the order of the walk, so that what is visited together lies together.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import math
 import numpy as np
 from numba import njit
 
-from service.kernels.tree_walk_lanes import LANES
+from service.kernels.tree_walk import AT, EDGE_BLOCKS, EDGE_LANE, EDGES, FACE_BLOCKS, FACE_LANE, MORE
+from service.kernels.tree_walk_lanes import END_FLOATS, FACE_ROWS, LANES, LEAF_FACES
 
 EDGES_ONLY = 1 << 30
 """Added to a node's number in an item: its edges alone, its children are items of the same block."""
@@ -137,45 +139,94 @@ def pack_nodes(item, scaled_normal, front_anchor, back_anchor, separation, packe
 
 
 @njit(cache=True)
-def pack_edges(item, edge_start, edge_index, edge_blocks, lane_edge, more, lanes_used):
-    """Edge blocks in the order of the items; returns their number (with edge_blocks empty it only counts).
+def split_leaves(item, edge_start, edge_index, edge_faces, mark, first_leaf, leaf_start, more):
+    """Share the edges of every item out to leaves of at most LEAF_FACES faces; returns their number.
 
-    edge_blocks (b, LANES) i4: first edge block of an item, -1 where it has no edges; lane_edge (c, LANES) i4: rows of the
-    edge table, -1 where a lane is unused; more (c,) i4: 1 when the item's edges go on in the next block.
+    first_leaf (b, LANES) i4: -1 where an item has no edges; leaf_start (e + 1,) i4 into edge_index, in the order of the
+    leaves, which is that of the returned permutation; more (e,) i4; mark (f,) i4 scratch, -1 at first.
     """
-    write = edge_blocks.shape[0] > 0
-    count = 0
+    order = np.empty_like(edge_index)
+    leaf, at = 0, 0
     for b in range(item.shape[0]):
         for j in range(LANES):
-            if write:
-                edge_blocks[b, j] = -1
+            first_leaf[b, j] = -1
             if item[b, j] < 0:
                 continue
             node = item[b, j] & ~EDGES_ONLY
-            low, high = edge_start[node], edge_start[node + 1]
-            if low < high and write:
-                edge_blocks[b, j] = count
-            for start in range(low, high, LANES):
-                if write:
-                    more[count] = 1 if start + LANES < high else 0
-                    lanes_used[count] = min(LANES, high - start)
-                    for k in range(LANES):
-                        lane_edge[count, k] = edge_index[start + k] if start + k < high else -1
-                count += 1
-    return count
+            if edge_start[node] == edge_start[node + 1]:
+                continue
+            first_leaf[b, j] = leaf
+            leaf_start[leaf] = at
+            known = 0
+            for k in range(edge_start[node], edge_start[node + 1]):
+                f, g = edge_faces[edge_index[k], 0], edge_faces[edge_index[k], 1]
+                new = (1 if mark[f] != leaf else 0) + (1 if mark[g] != leaf else 0)
+                if known + new > LEAF_FACES:
+                    more[leaf] = 1
+                    leaf += 1
+                    leaf_start[leaf] = at
+                    known, new = 0, 2
+                known += new
+                mark[f], mark[g] = leaf, leaf
+                order[at] = edge_index[k]
+                at += 1
+            more[leaf] = 0
+            leaf += 1
+    leaf_start[leaf] = at
+    return leaf, order
 
 
 @njit(cache=True)
-def pack_planes(lane_edge, edge_vertices, edge_faces, x, y, z, d, packed, lane_vertices):
-    """packed (c, EDGE_ROWS, LANES) f4: both planes of every lane; an unused lane has the same plane twice."""
-    for b in range(lane_edge.shape[0]):
-        for j in range(LANES):
-            e = lane_edge[b, j]
-            used = e >= 0
-            if not used:
-                e = lane_edge[b, 0]
+def measure_leaves(leaf_start, more, order, edge_faces, mark, record):
+    """Fill record (l, LEAF_COLUMNS) i4; returns (floats, face lanes, edge lanes). mark (f,) i4 scratch, -1 at first."""
+    at, face_lane, edge_lane = 0, 0, 0
+    for leaf in range(record.shape[0]):
+        known = 0
+        for k in range(leaf_start[leaf], leaf_start[leaf + 1]):
             for side in range(2):
-                f = edge_faces[e, side if used else 0]
-                packed[b, 4 * side, j], packed[b, 4 * side + 1, j] = x[f], y[f]
-                packed[b, 4 * side + 2, j], packed[b, 4 * side + 3, j] = z[f], d[f]
-                lane_vertices[b * LANES + j, side] = edge_vertices[e, side]
+                f = edge_faces[order[k], side]
+                if mark[f] != leaf:
+                    mark[f] = leaf
+                    known += 1
+        edges = leaf_start[leaf + 1] - leaf_start[leaf]
+        face_blocks, edge_blocks = (known + LANES - 1) // LANES, (edges + LANES - 1) // LANES
+        record[leaf, AT], record[leaf, FACE_LANE], record[leaf, EDGE_LANE] = at, face_lane, edge_lane
+        record[leaf, FACE_BLOCKS], record[leaf, EDGE_BLOCKS] = face_blocks, edge_blocks
+        record[leaf, EDGES], record[leaf, MORE] = edges, more[leaf]
+        at += face_blocks * FACE_ROWS * LANES + edge_blocks * END_FLOATS
+        face_lane += face_blocks * LANES
+        edge_lane += edge_blocks * LANES
+    return at, face_lane, edge_lane
+
+
+@njit(cache=True)
+def pack_leaves(record, leaf_start, order, edge_vertices, edge_faces, x, y, z, d, mark, leaves, lane_face, lane_vertices):
+    """Planes and face numbers of all leaves into leaves (k,) f4; an unused face lane repeats the first, an unused edge lane
+    has that face on both sides, so neither shows. lane_face (face lanes,), lane_vertices (edge lanes, 2) i4.
+
+    mark (f,) i4 scratch, any content.
+    """
+    ends = leaves.view(np.uint8)
+    lane_vertices[:, :] = -1
+    for leaf in range(record.shape[0]):
+        base, known = record[leaf, FACE_LANE], 0
+        first_end = 4 * (record[leaf, AT] + record[leaf, FACE_BLOCKS] * FACE_ROWS * LANES)
+        ends[first_end : first_end + 4 * END_FLOATS * record[leaf, EDGE_BLOCKS]] = 0
+        for k in range(leaf_start[leaf], leaf_start[leaf + 1]):
+            e, lane = order[k], k - leaf_start[leaf]
+            for side in range(2):
+                f = edge_faces[e, side]
+                m = mark[f]
+                if not (0 <= m < known and lane_face[base + m] == f):
+                    m = known
+                    mark[f] = m
+                    lane_face[base + m] = f
+                    known += 1
+                ends[first_end + lane // LANES * (2 * LANES) + side * LANES + lane % LANES] = m
+                lane_vertices[record[leaf, EDGE_LANE] + lane, side] = edge_vertices[e, side]
+        for m in range(record[leaf, FACE_BLOCKS] * LANES):
+            if m >= known:
+                lane_face[base + m] = lane_face[base]
+            f = lane_face[base + m]
+            at = record[leaf, AT] + m // LANES * (FACE_ROWS * LANES) + m % LANES
+            leaves[at], leaves[at + LANES], leaves[at + 2 * LANES], leaves[at + 3 * LANES] = x[f], y[f], z[f], d[f]

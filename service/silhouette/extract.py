@@ -9,18 +9,21 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from geometry.silhouettes import PLANE_ERROR, face_planes, silhouette_scalar
 from schemas.conventions import F4, F8, I4, U1, Array
 from schemas.errors import CorruptArtifactError
-from service.kernels import tree_walk, tree_walk_pack
-from service.kernels.tree_walk_lanes import EDGE_ROWS, LANES, NODE_ROWS
+from service.kernels import tree_walk, tree_walk_coarsen, tree_walk_pack
+from service.kernels.tree_walk_lanes import LANES, NODE_ROWS
 
 _FARTHEST_EYE = 1e14
 """Normalised units: beyond, squares of scaled normals times the eye could overflow float32; such eyes are brute force."""
+_CONES = ("scaled_normal", "front_anchor", "back_anchor", "separation")
+T = TypeVar("T", bound=np.generic)
 _AT_INFINITY = np.float32(1e-30)
 
 
@@ -38,25 +41,25 @@ class _Packed:
 
     nodes: F4
     below: I4
-    guarded: I4
     parents: U1
     guards: U1
     next_block: I4
-    nodes_used: I4
-    planes: F4
-    more: I4
-    edges_used: I4
-    lane_edge: I4
+    used: I4
+    first_leaf: I4
+    leaves: F4
+    record: I4
+    lane_face: I4
     lane_vertices: I4
 
 
 class _Scratch(threading.local):
     """Queues of one thread, so that calls allocate nothing but their result and threads do not meet."""
 
-    def __init__(self, node_blocks: int, edge_blocks: int) -> None:
+    def __init__(self, node_blocks: int, edge_lanes: int) -> None:
         self.queue = np.empty((node_blocks + 1) * LANES, np.int32)
-        self.edge_queue = np.empty((node_blocks + 1) * LANES, np.int32)
-        self.chosen = np.empty((edge_blocks + 1) * LANES, np.int32)
+        self.leaf_queue = np.empty((node_blocks + 1) * LANES, np.int32)
+        self.chosen = np.empty(edge_lanes + LANES, np.int32)
+        self.turned = np.empty(edge_lanes // LANES, np.uint8)
 
 
 class SilhouetteTree:
@@ -68,16 +71,16 @@ class SilhouetteTree:
 
     def __init__(self, mesh: Mapping[str, Array], tree: Mapping[str, Array]) -> None:
         _check(mesh, tree)
-        self.positions: F4 = np.ascontiguousarray(mesh["positions"], np.float32)
-        self.faces: I4 = np.ascontiguousarray(mesh["faces"], np.int32)
-        self.edge_vertices: I4 = np.ascontiguousarray(mesh["edge_vertices"], np.int32)
-        self.edge_faces: I4 = np.ascontiguousarray(mesh["edge_faces"], np.int32)
+        self.positions: F4 = _frozen(mesh["positions"], np.float32)
+        self.faces: I4 = _frozen(mesh["faces"], np.int32)
+        self.edge_vertices: I4 = _frozen(mesh["edge_vertices"], np.int32)
+        self.edge_faces: I4 = _frozen(mesh["edge_faces"], np.int32)
         planes = face_planes(self.positions, self.faces)
         self._farthest_plane = planes.farthest
         anchors = np.concatenate([tree["front_anchor"], tree["back_anchor"]]).astype(np.float64)
         self._farthest_anchor = max(1.0, float(np.sqrt((anchors**2).sum(axis=1)).max(initial=0.0)))
         self._packed = _pack(tree, self.edge_vertices, self.edge_faces, (planes.x, planes.y, planes.z, planes.d))
-        self._scratch = _Scratch(len(self._packed.next_block), len(self._packed.more))
+        self._scratch = _Scratch(len(self._packed.next_block), len(self._packed.lane_vertices))
 
     def extract(self, eye: F8) -> Extraction:
         """Silhouette for a homogeneous eye (4,) f8 in the normalised frame (`schemas.conventions`).
@@ -101,64 +104,99 @@ class SilhouetteTree:
         p, scratch, w = self._packed, self._scratch, float(eye[3])
         margin = np.float32(tree_walk.CONE_ERROR * (length + w * self._farthest_anchor))
         found, nodes = tree_walk.visit_nodes(
-            p.nodes, p.below, p.guarded, p.parents, p.guards, p.next_block, p.nodes_used, eye4, w_back, margin,
-            scratch.queue, scratch.edge_queue,
-        )  # fmt: skip
+            p.nodes, p.below, p.parents, p.guards, p.next_block, p.used, eye4, w_back, margin, scratch.queue, scratch.leaf_queue
+        )
         bound = np.float32(PLANE_ERROR * (1.7320508075688774 * length + w * self._farthest_plane) + 1e-30)
-        count, edges = tree_walk.visit_edges(
-            p.planes, p.guarded, p.more, p.edges_used, p.lane_edge, self.positions, self.faces, self.edge_faces, eye, eye4, bound,
-            scratch.edge_queue, found, scratch.chosen,
+        count, edges = tree_walk.visit_leaves(
+            p.leaves, p.record, p.first_leaf, p.lane_face, self.positions, self.faces, eye, eye4, bound,
+            scratch.leaf_queue, found, scratch.chosen, scratch.turned,
         )  # fmt: skip
-        return Extraction(tree_walk.collect(scratch.chosen, count, p.lane_vertices), edges, nodes)
+        return Extraction(tree_walk.collect(scratch.chosen, count, scratch.turned, p.lane_vertices), edges, nodes)
 
 
 def _check(mesh: Mapping[str, Array], tree: Mapping[str, Array]) -> None:
     """Refuse what the kernels could not index safely."""
-    nodes, edges = len(tree["skip"]), len(mesh["edge_vertices"])
-    ids = np.arange(nodes)
-    start = tree["edge_start"]
+    start, skip = _ints(tree["edge_start"]), _ints(tree["skip"])
+    edges, faces, vertices = len(mesh["edge_vertices"]), len(mesh["faces"]), len(mesh["positions"])
     sound = (
         edges > 0
+        and all(_within(mesh[name], limit) for name, limit in (("faces", vertices), ("edge_vertices", vertices), ("edge_faces", faces)))
         and len(mesh["edge_faces"]) == edges
-        and len(start) == nodes + 1
+        and len(start) == len(skip) + 1
         and start[0] == 0
         and start[-1] == edges
         and bool(np.all(np.diff(start) >= 0))
-        and bool(np.all((tree["skip"] > ids) & (tree["skip"] <= nodes)))
-        and np.array_equal(np.sort(tree["edge_index"]), np.arange(edges))
-        and all(np.all(np.isfinite(tree[name])) for name in ("scaled_normal", "front_anchor", "back_anchor", "separation"))
+        and bool(np.all((skip > np.arange(len(skip))) & (skip <= len(skip))))
+        and bool(tree_walk_coarsen.is_nested(skip))
+        and np.array_equal(np.sort(_ints(tree["edge_index"])), np.arange(edges))
+        and all(np.all(np.isfinite(tree[name])) for name in _CONES)
     )
     if not sound:
         raise CorruptArtifactError("the search tree does not belong to this mesh")
 
 
+def _ints(values: Array) -> I4:
+    return np.array(values, np.int32)
+
+
+def _floats(values: Array) -> F4:
+    return np.array(values, np.float32)
+
+
+def _within(values: Array, limit: int) -> bool:
+    return bool(_ints(values).min(initial=0) >= 0 and _ints(values).max(initial=0) < limit)
+
+
+def _frozen(values: Array, kind: type[T]) -> npt.NDArray[T]:
+    """Contiguous and read-only, as a mapped artifact is: one array type for the compiler wherever the mesh comes from."""
+    view = np.ascontiguousarray(values, kind).view()
+    view.flags.writeable = False
+    return view
+
+
 def _pack(tree: Mapping[str, Array], edge_vertices: I4, edge_faces: I4, planes: tuple[F4, F4, F4, F4]) -> _Packed:
-    skip, edge_start = np.ascontiguousarray(tree["skip"]), np.ascontiguousarray(tree["edge_start"])
-    n = len(skip)
-    item, below = np.empty((n + 1, LANES), np.int32), np.empty((n + 1, LANES), np.int32)
-    next_block = np.empty(n + 1, np.int32)
-    blocks = tree_walk_pack.group(skip, edge_start, tree["scaled_normal"], item, below, next_block)
-    item = item[:blocks].copy()
+    skip, start, index = (_ints(tree[name]) for name in ("skip", "edge_start", "edge_index"))
+    scaled, front, back, separation = (_floats(tree[name]) for name in _CONES)
+    parent = tree_walk_coarsen.parents_of(skip)
+    keep = tree_walk_coarsen.worth_their_test(skip, start, scaled, parent)
+    kept, skip, start, index = tree_walk_coarsen.without(skip, start, index, parent, keep)
+    scaled, front, back, separation = scaled[kept], front[kept], back[kept], separation[kept]
+
+    item, below = np.empty((len(kept) + 1, LANES), np.int32), np.empty((len(kept) + 1, LANES), np.int32)
+    next_block = np.empty(len(kept) + 1, np.int32)
+    blocks = tree_walk_pack.group(skip, start, scaled, item, below, next_block)
+    item, below = item[:blocks].copy(), below[:blocks].copy()
     nodes = np.empty((blocks, NODE_ROWS, LANES), np.float32)
-    tree_walk_pack.pack_nodes(item, tree["scaled_normal"], tree["front_anchor"], tree["back_anchor"], tree["separation"], nodes)
-    none2, none1 = np.empty((0, LANES), np.int32), np.empty(0, np.int32)
-    count = tree_walk_pack.pack_edges(item, edge_start, tree["edge_index"], none2, none2, none1, none1)
-    guarded, lane_edge = np.empty((blocks, LANES), np.int32), np.empty((count, LANES), np.int32)
-    more, used = np.empty(count, np.int32), np.empty(count, np.int32)
-    tree_walk_pack.pack_edges(item, edge_start, tree["edge_index"], guarded, lane_edge, more, used)
-    packed, vertices = np.empty((count, EDGE_ROWS, LANES), np.float32), np.empty((count * LANES, 2), np.int32)
-    tree_walk_pack.pack_planes(lane_edge, edge_vertices, edge_faces, *planes, packed, vertices)
+    tree_walk_pack.pack_nodes(item, scaled, front, back, separation, nodes)
+
+    first_leaf, record, leaves, lane_face, lane_vertices = _pack_leaves(item, start, index, edge_vertices, edge_faces, planes)
     return _Packed(
         nodes=nodes.ravel(),
-        below=below[:blocks].ravel(),
-        guarded=guarded.ravel(),
-        parents=np.packbits(below[:blocks] >= 0, axis=1, bitorder="little").ravel(),
-        guards=np.packbits(guarded >= 0, axis=1, bitorder="little").ravel(),
+        below=below.ravel(),
+        parents=np.packbits(below >= 0, axis=1, bitorder="little").ravel(),
+        guards=np.packbits(first_leaf >= 0, axis=1, bitorder="little").ravel(),
         next_block=next_block[:blocks].copy(),
-        nodes_used=(item >= 0).sum(axis=1).astype(np.int32),
-        planes=packed.ravel(),
-        more=more,
-        edges_used=used,
-        lane_edge=lane_edge.ravel(),
-        lane_vertices=vertices,
+        used=(item >= 0).sum(axis=1).astype(np.int32),
+        first_leaf=first_leaf.ravel(),
+        leaves=leaves,
+        record=record,
+        lane_face=lane_face,
+        lane_vertices=lane_vertices,
     )
+
+
+def _pack_leaves(
+    item: I4, start: I4, index: I4, edge_vertices: I4, edge_faces: I4, planes: tuple[F4, F4, F4, F4]
+) -> tuple[I4, I4, F4, I4, I4]:
+    faces, edges = len(planes[0]), len(edge_vertices)
+    first_leaf = np.empty_like(item)
+    leaf_start, more = np.empty(edges + 1, np.int32), np.empty(edges, np.int32)
+    mark = np.full(faces, -1, np.int32)
+    count, order = tree_walk_pack.split_leaves(item, start, index, edge_faces, mark, first_leaf, leaf_start, more)
+    record = np.zeros((count, tree_walk.LEAF_COLUMNS), np.int32)
+    mark[:] = -1
+    floats, face_lanes, edge_lanes = tree_walk_pack.measure_leaves(leaf_start, more, order, edge_faces, mark, record)
+    leaves, lane_face = np.empty(floats, np.float32), np.empty(face_lanes, np.int32)
+    lane_vertices = np.empty((edge_lanes, 2), np.int32)
+    tree_walk_pack.pack_leaves(record, leaf_start, order, edge_vertices, edge_faces, *planes, mark, leaves, lane_face, lane_vertices)
+    return first_leaf, record, leaves, lane_face, lane_vertices

@@ -68,8 +68,9 @@ def face_constraints(positions, faces, normals, offsets, kinds):
 def lowest_point(normals, offsets, sign, index, count, axis, ball, basis, out):
     """Point least along axis with normal . point >= sign * offset for all index[:count], into out (3,); dual simplex.
 
-    axis (3,) unit, inside the cone of the normals. ball (4,): centre and radius of the cluster; bounding planes meet below it. basis (3,) i4 receives
-    the faces whose planes meet in the point, -1 for a bounding plane. Ends early when a pivot is singular.
+    axis (3,) unit, inside the cone of the normals. ball (4,): centre and radius of the cluster; the bounding planes meet
+    below it. basis (3,) i4 receives the faces whose planes meet in the point, -1 for a bounding plane. Ends early when a
+    pivot is singular.
     """
     plane = np.empty((3, 4))
     least = 0 if abs(axis[0]) < 0.57 else 1

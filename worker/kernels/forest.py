@@ -152,10 +152,8 @@ def _predict(forest, a, b, index, work, support):
     count = _unite(forest, a, b, index)
     _ball_of(forest.box, a, b, work[3])
     miss = _fit(forest, index, count, forest.flags[a] | forest.flags[b], work, support)
-    miss = max(miss, max(forest.miss[a], forest.miss[b]))
-    best, join = best_join(
-        miss, forest.weight[a], forest.weight[b], forest.miss[a], forest.miss[b], forest.height[a], forest.height[b]
-    )
+    miss = max(miss, forest.miss[a], forest.miss[b])
+    best, join = best_join(miss, forest.weight[a], forest.weight[b], forest.miss[a], forest.miss[b], forest.height[a], forest.height[b])
     return best, join, miss, count
 
 

@@ -102,9 +102,7 @@ def cone_nodes(
         if spread <= 0.0:
             continue
         always_front = flags & ALWAYS_FRONT != 0
-        d = verified_cones(
-            normals, offsets, index, count, always_front, axis, spread, high, low, scaled[node], front[node], back[node]
-        )
+        d = verified_cones(normals, offsets, index, count, always_front, axis, spread, high, low, scaled[node], front[node], back[node])
         if d < 0.0:
             scaled[node, :], front[node, :], back[node, :] = 0.0, 0.0, 0.0
             continue
