@@ -1,6 +1,7 @@
-"""The process that touches hostile bytes: `python -m worker.loading.child EXTENSION LIMITS PARENT`, bytes on its input.
+"""The process that touches hostile bytes: `python -m worker.loading.child EXTENSION LIMITS PARENT RESULT REPORT`.
 
-It writes `result.safetensors` or nothing, and `report.json`, into its working directory. It knows no path of the upload.
+The bytes are on its standard input, RESULT and REPORT are file descriptors it writes to: it knows no path at all, and as the
+files behind them have no name, nothing of it can be left behind.
 """
 
 from __future__ import annotations
@@ -8,31 +9,27 @@ from __future__ import annotations
 import json
 import os
 import sys
-from pathlib import Path
 from typing import Any
 
 from schemas.errors import SilhouetteError
 from worker.loading.faults import parse_failed, rejected
 from worker.loading.limits import LoadLimits, limit_this_process
 
-RESULT, REPORT = "result.safetensors", "report.json"
-
 
 def main(arguments: list[str]) -> int:
     """Parse the bytes on the standard input within the limits."""
-    extension, limits, parent = arguments[0], LoadLimits(**json.loads(arguments[1])), int(arguments[2])
+    extension, limits = arguments[0], LoadLimits(**json.loads(arguments[1]))
+    parent, result, report = map(int, arguments[2:])
     limit_this_process(limits, parent)
     try:
-        report = _run(extension, limits)
+        summary = _run(extension, limits, result)
     except SilhouetteError as error:
-        report = _failure(error)
-    except MemoryError:
-        report = _failure(rejected("out-of-memory", f"Reading the mesh takes more than the {limits.memory_mib} MiB that are allowed."))
-    except OSError:
-        report = _failure(rejected("out-of-memory", f"The mesh takes more than {limits.result_mib} MiB once it is read."))
+        summary = _failure(error)
+    except (MemoryError, ImportError):  # a library that cannot be mapped is an import error
+        summary = _failure(rejected("out-of-memory", f"Reading the mesh takes more than the {limits.memory_mib} MiB that are allowed."))
     except Exception:
-        report = _failure(parse_failed("a mesh"))
-    Path(REPORT).write_text(json.dumps(report))
+        summary = _failure(parse_failed("a mesh"))
+    _write(report, json.dumps(summary).encode())
     return 0
 
 
@@ -40,8 +37,9 @@ def _failure(error: SilhouetteError) -> dict[str, Any]:
     return {"code": error.code, "message": error.message, "where": error.where}
 
 
-def _run(extension: str, limits: LoadLimits) -> dict[str, Any]:
+def _run(extension: str, limits: LoadLimits, result: int) -> dict[str, Any]:
     data = sys.stdin.buffer.read()
+    import numpy as np
     import safetensors.numpy
 
     from worker.loading.parse import parse
@@ -49,14 +47,16 @@ def _run(extension: str, limits: LoadLimits) -> dict[str, Any]:
     parsed = parse(extension, data, limits)
     del data
     tensors = {"positions": parsed.positions, "faces": parsed.faces, **parsed.appearance}
-    safetensors.numpy.save_file({k: _contiguous(v) for k, v in tensors.items()}, RESULT)
+    try:
+        _write(result, safetensors.numpy.save({k: np.ascontiguousarray(v) for k, v in tensors.items()}))
+    except OSError:
+        raise rejected("out-of-memory", f"The mesh takes more than {limits.result_mib} MiB once it is read.") from None
     return {"notes": parsed.notes}
 
 
-def _contiguous(array: Any) -> Any:
-    import numpy as np
-
-    return np.ascontiguousarray(array)
+def _write(descriptor: int, data: bytes) -> None:
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
 
 
 if __name__ == "__main__":

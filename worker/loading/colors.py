@@ -85,7 +85,9 @@ def _corner_colors(piece: Piece, linear: bool) -> U1 | None:
 def _as_bytes(values: Array, linear: bool) -> U1:
     """(n, 3 or 4) colours of any type, linear or sRGB, as (n, 4) u1 sRGB."""
     if values.dtype.kind == "f":
-        unit = np.clip(np.nan_to_num(values.astype(np.float64)), 0.0, 1.0)
+        unit = np.nan_to_num(values.astype(np.float64))
+        # OBJ and PLY do not say whether their floats end at 1 or at 255
+        unit = np.clip(unit / 255.0 if not linear and unit.max(initial=0.0) > 1.0 else unit, 0.0, 1.0)
     else:
         full = {"i1": 127, "i2": 32767, "u2": 65535}.get(values.dtype.str[1:], 255)
         unit = np.clip(values.astype(np.float64) / full, 0.0, 1.0)

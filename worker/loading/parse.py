@@ -17,6 +17,7 @@ from worker.loading import sniff
 from worker.loading.faults import parse_failed, rejected
 from worker.loading.headers import glb, ply
 from worker.loading.limits import LoadLimits
+from worker.loading.obj_reader import read_obj
 
 I8 = npt.NDArray[np.int64]
 
@@ -54,13 +55,11 @@ def parse(extension: str, data: bytes, limits: LoadLimits) -> Parsed:
         # numpy stops at the first word that is no number and only warns
         warnings.filterwarnings("error", message=".*string or file could not be read to its end.*")
         try:
-            raw = _read(kind, data)
+            raw = _read(kind, data, limits)
             pieces = [p for p in _pieces(raw, limits) if len(p.faces)]
         except (SilhouetteError, MemoryError):
             raise
-        except Exception as error:
-            if isinstance(error, IndexError) and kind == "obj":
-                raise rejected("index-out-of-range", "A face of the OBJ file names a vertex that does not exist.") from None
+        except Exception:
             raise parse_failed(kind.upper()) from None
         if not pieces:
             raise rejected("no-faces", "The file has no faces.")
@@ -71,11 +70,13 @@ def parse(extension: str, data: bytes, limits: LoadLimits) -> Parsed:
     return Parsed(positions, faces.astype(np.int32), appearance, notes | _references(kind, data))
 
 
-def _read(kind: str, data: bytes) -> dict[str, Any]:
+def _read(kind: str, data: bytes, limits: LoadLimits) -> dict[str, Any]:
     """The reader's own description: one geometry, or {"geometry": {name: ...}, "graph": [...]}."""
     from trimesh.exchange import load, stl
     from trimesh.exchange import ply as ply_reader
 
+    if kind == "obj":
+        return read_obj(data, limits)
     stream = io.BytesIO(data)
     if kind == "stl":
         return stl.load_stl(stream)

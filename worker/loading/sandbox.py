@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import safetensors.numpy
@@ -18,7 +18,6 @@ import safetensors.numpy
 import worker
 from schemas.conventions import Array
 from schemas.errors import SilhouetteError, TooLargeError
-from worker.loading.child import REPORT, RESULT
 from worker.loading.faults import from_report, parse_failed, rejected
 from worker.loading.limits import LoadLimits
 from worker.loading.parse import Parsed
@@ -38,28 +37,30 @@ def parse_limited(path: Path, extension: str, limits: LoadLimits) -> Parsed:
 
     Raises MeshRejectedError, UnknownFormatError or TooLargeError; nothing of the child is left behind.
     """
-    with tempfile.TemporaryDirectory(prefix="silhouette-load-") as folder, path.open("rb") as upload:
-        child = _start(extension, limits, folder, upload)
+    with tempfile.TemporaryFile() as result, tempfile.TemporaryFile() as report, path.open("rb") as upload:
+        child = _start(extension, limits, upload, (result.fileno(), report.fileno()))
         try:
             status = child.wait(timeout=limits.wall_s)
         except subprocess.TimeoutExpired:
             raise rejected("time-limit", f"Reading the mesh takes longer than the {limits.wall_s:g} s that are allowed.") from None
         finally:
             _end(child)
-        return _collect(Path(folder), status, limits)
+        return _collect(result, report, status, limits)
 
 
-def _start(extension: str, limits: LoadLimits, folder: str, upload: Any) -> subprocess.Popen[bytes]:
+def _start(extension: str, limits: LoadLimits, upload: IO[bytes], outputs: tuple[int, int]) -> subprocess.Popen[bytes]:
     root = str(Path(worker.__file__).resolve().parents[1])
     environment = {"PYTHONPATH": root, "PATH": os.defpath, "LC_ALL": "C.UTF-8", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    arguments = [extension, json.dumps(limits.as_dict()), str(os.getpid()), *map(str, outputs)]
     return subprocess.Popen(
-        [sys.executable, "-s", "-P", "-m", "worker.loading.child", extension, json.dumps(limits.as_dict()), str(os.getpid())],
+        [sys.executable, "-s", "-P", "-m", "worker.loading.child", *arguments],
         stdin=upload,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        cwd=folder,
+        cwd="/",
         env=environment,
         start_new_session=True,
+        pass_fds=outputs,
     )
 
 
@@ -70,13 +71,13 @@ def _end(child: subprocess.Popen[bytes]) -> None:
     child.wait()
 
 
-def _collect(folder: Path, status: int, limits: LoadLimits) -> Parsed:
+def _collect(result: IO[bytes], output: IO[bytes], status: int, limits: LoadLimits) -> Parsed:
     if status:
         raise _death(status, limits)
-    report = _report(folder / REPORT)
+    report = _report(output)
     if "code" in report:
         raise from_report(str(report["code"]), report.get("message", ""), report.get("where") or {})
-    tensors = _tensors(folder / RESULT, limits)
+    tensors = _tensors(result, limits)
     notes = report.get("notes", {})
     positions, faces = tensors.pop("positions"), tensors.pop("faces")
     return Parsed(
@@ -93,10 +94,10 @@ def _death(status: int, limits: LoadLimits) -> SilhouetteError:
     return rejected("parser-crashed", "Reading the mesh brought its reader down.")
 
 
-def _report(path: Path) -> dict[str, Any]:
+def _report(output: IO[bytes]) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            report = json.loads(file.read(MAX_REPORT))
+        output.seek(0)
+        report = json.loads(output.read(MAX_REPORT))
     except (OSError, ValueError, RecursionError):
         raise rejected("parser-crashed", "Reading the mesh ended without a result.") from None
     if not isinstance(report, dict) or not isinstance(report.get("where", {}), dict):
@@ -104,10 +105,11 @@ def _report(path: Path) -> dict[str, Any]:
     return report
 
 
-def _tensors(path: Path, limits: LoadLimits) -> dict[str, Array]:
+def _tensors(result: IO[bytes], limits: LoadLimits) -> dict[str, Array]:
     """The child's arrays, each of the type and shape it must have, finite, with indices in range and within the caps."""
     try:
-        tensors = safetensors.numpy.load_file(path)
+        result.seek(0)
+        tensors = safetensors.numpy.load(result.read())
     except Exception:
         raise parse_failed("a mesh") from None
     bound: dict[str, int] = {}
