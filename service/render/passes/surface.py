@@ -42,14 +42,15 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
     shading = frame.request.shading
     sides = frozenset() if frame.plan.closed else frozenset({"TWO_SIDED"})
     program = frame.gpu.programs.get(vertex, "surface", surface.definitions | {SHOW[shading.mode]} | sides)
-    color = list(parse_color(shading.color))
+    color = LINEAR_TABLE[list(parse_color(shading.color))].astype(np.float64)
     light = np.array(shading.light or DEFAULT_LIGHT)
     length = float(np.linalg.norm(light))
     light = frame.view.view[:3, :3].T @ (light / length if length > 0.0 else light)
     set_uniforms(
         program,
         clip_from_object=frame.clip_from_object(),
-        base_color=tuple(LINEAR_TABLE[color].tolist()),
+        base_color=tuple(color.tolist()),
+        base_root=tuple((color ** (1.0 / 2.4)).tolist()),
         light=tuple(light.tolist()),
         ambient=shading.ambient,
         **{name: unit for unit, name in enumerate(surface.textures)},

@@ -2,6 +2,7 @@
 // neither: base_color), TWO_SIDED, and one of SHOW_LAMBERT, SHOW_NORMAL, SHOW_FLAT.
 //! include srgb.part.glsl
 uniform vec3 base_color;  // linear
+uniform vec3 base_root;   // base_color to the power of 1 / 2.4
 uniform vec3 light;       // unit, object space, towards the light
 uniform float ambient;
 #ifdef NORMAL
@@ -34,14 +35,12 @@ vec3 surface_normal() {
 }
 
 vec3 surface_color() {
-    vec3 c = base_color;
-#if defined(COLOR_MAP)
-    c = texture(color_map, uv).rgb;
+    vec3 c = vec3(1.0);
+#ifdef COLOR_MAP
+    c *= texture(color_map, uv).rgb;
+#endif
 #ifdef COLOR
     c *= color;
-#endif
-#elif defined(COLOR)
-    c = color;
 #endif
     return c;
 }
@@ -52,7 +51,14 @@ void main() {
 #elif defined(SHOW_FLAT)
     fragment = vec4(srgb_from_linear(base_color), 1.0);
 #else
-    float lit = max(dot(surface_normal(), light), 0.0);
-    fragment = vec4(srgb_from_linear(surface_color() * mix(lit, 1.0, ambient)), 1.0);
+    float lit = mix(max(dot(surface_normal(), light), 0.0), 1.0, ambient);
+#if defined(COLOR_MAP) || defined(COLOR)
+    fragment = vec4(srgb_from_linear(surface_color() * lit), 1.0);
+#else
+    // srgb_from_linear(base_color * lit), with the power of the product as the product of powers: one instead of three
+    vec3 c = base_color * lit;
+    vec3 high = 1.055 * base_root * pow(lit, 1.0 / 2.4) - 0.055;
+    fragment = vec4(mix(12.92 * c, high, step(0.0031308, c)), 1.0);
+#endif
 #endif
 }

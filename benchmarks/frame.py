@@ -1,0 +1,186 @@
+"""Milliseconds a frame of every rung, and how exact the clipped outline is, for one mesh.
+
+    python -m benchmarks.frame MESH --size 512 [--views 20] [--json]
+
+MESH is a file, or `knot`: the generated torus knot of 185,856 faces. Its hull, maps and tree are made first, in this process.
+All rungs are drawn in turn in the same run, view by view; times are medians, from the resolved request to pixels in memory,
+readback included, encoding apart. `passes` are those of the coverage rung with a wait after each (a frame without the waits
+is faster than their sum). `outline` compares the alpha of `coverage` with the original drawn binary at 16 x 16 times the
+pixels: mean absolute error over the pixels that are neither fully in nor fully out, and the percentage of the others that are
+off by more than 0.02 (a sliver along a pixel's border can lie between the samples).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from client.shapes import torus_knot, write_ply
+from schemas.conventions import F8
+from schemas.mesh import PreprocessOptions
+from schemas.render import MAX_SIDE_PX, Accuracy, Antialias, ImageFormat, Orbit, OrbitCamera, RenderRequest, Shading, ShadingMode, Source
+from service.assets import MeshAsset
+from service.render.encode import encode
+from service.render.frame import render_frame
+from service.render.state import Gpu
+from service.silhouette.extract import SilhouetteTree
+from worker.bake import bake_maps, hull_normals
+from worker.hull import build_hull
+from worker.load import load_mesh
+from worker.tree import build_tree
+
+RUNGS = {
+    "original_ms": (Source.ORIGINAL, Antialias.NONE),
+    "original_msaa4_ms": (Source.ORIGINAL, Antialias.MSAA),
+    "clipped_stencil_ms": (Source.CLIPPED, Antialias.NONE),
+    "clipped_line_ms": (Source.CLIPPED, Antialias.LINE),
+    "clipped_coverage_ms": (Source.CLIPPED, Antialias.COVERAGE),
+}
+ROUNDS = 3
+SAMPLES = 16
+WRONG = 0.02
+GOLDEN_DEG = 137.50776405003785
+
+
+def silent(_: float) -> None:
+    return None
+
+
+def prepare(path: Path, options: PreprocessOptions) -> MeshAsset:
+    """The mesh with everything that clipping needs."""
+    mesh = load_mesh(path, path.suffix, options)
+    if mesh.edges is None or not mesh.clip.available:
+        raise SystemExit(f"this mesh cannot be clipped: {mesh.clip.reason}")
+    edges = mesh.edges
+    hull = build_hull(mesh.positions, mesh.faces, options.hull_faces, silent)
+    normals = hull_normals(hull.positions, hull.faces)
+    maps = bake_maps(hull.positions, hull.faces, normals, mesh.positions, mesh.faces, mesh.normals, mesh.appearance, options.texels, silent)
+    tree = build_tree(mesh.positions, mesh.faces, edges.vertices, edges.faces, silent)
+    tensors = {"positions": mesh.positions, "faces": mesh.faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
+    return MeshAsset(
+        id=path.name,
+        frame=mesh.frame,
+        positions=mesh.positions,
+        faces=mesh.faces,
+        normals=mesh.normals,
+        appearance=mesh.appearance,
+        edges=(edges.vertices, edges.faces),
+        hull={"positions": hull.positions, "faces": hull.faces, "normals": normals},
+        maps={"tile_uv": maps.tile_uv, "normal": maps.normal} | ({} if maps.color is None else {"color": maps.color}),
+        tree=SilhouetteTree(tensors, tree.tensors()),
+        clip=mesh.clip,
+    )
+
+
+def request(view: int, views: int, side: int, rung: tuple[Source, Antialias], mode: ShadingMode = ShadingMode.LAMBERT) -> RenderRequest:
+    """One of `views` cameras spread evenly over the sphere of directions."""
+    elevation = float(np.degrees(np.arcsin(1.0 - 2.0 * (view + 0.5) / views)))
+    camera = OrbitCamera(orbit=Orbit(azimuth_deg=(view * GOLDEN_DEG) % 360.0, elevation_deg=elevation))
+    accuracy = Accuracy(source=rung[0], antialias=rung[1])
+    return RenderRequest(camera=camera, width=side, height=side, accuracy=accuracy, shading=Shading(mode=mode))
+
+
+def frame_times(gpu: Gpu, asset: MeshAsset, views: int, side: int) -> dict[str, Any]:
+    """Medians of all rungs, of the coverage rung's passes, and of encoding its pictures."""
+    times: dict[str, list[float]] = defaultdict(list)
+    passes: dict[str, list[float]] = defaultdict(list)
+    for view in range(-1, views):
+        for _ in range(ROUNDS):
+            for name, rung in RUNGS.items():
+                wanted = request(max(view, 0), views, side, rung)
+                start = time.perf_counter()
+                image = render_frame(gpu, asset, wanted)
+                times[name].append((time.perf_counter() - start) * 1e3)
+            start = time.perf_counter()
+            encode(image.pixels, ImageFormat.PNG)
+            times["encode_png_ms"].append((time.perf_counter() - start) * 1e3)
+            for name, ms in render_frame(gpu, asset, wanted, wait_each=True).passes:
+                passes[name].append(ms)
+        if view < 0:  # the first round compiles and uploads
+            times.clear()
+            passes.clear()
+    medians = {name: round(statistics.median(values), 3) for name, values in times.items()}
+    encode_ms = medians.pop("encode_png_ms")
+    return medians | {"passes": {name: round(statistics.median(values), 3) for name, values in passes.items()}, "encode_png_ms": encode_ms}
+
+
+def alpha(gpu: Gpu, asset: MeshAsset, wanted: RenderRequest) -> F8:
+    return render_frame(gpu, asset, wanted).pixels[:, :, 3]
+
+
+def outline_error(gpu: Gpu, asset: MeshAsset, views: int, side: int) -> dict[str, Any]:
+    """Alpha of the coverage rung against the supersampled original, over all views."""
+    samples = min(SAMPLES, MAX_SIDE_PX // side)
+    error, edges, wrong, others = 0.0, 0, 0, 0
+    for view in range(views):
+        made = alpha(gpu, asset, request(view, views, side, (Source.CLIPPED, Antialias.COVERAGE))) / 255.0
+        binary = alpha(gpu, asset, request(view, views, side * samples, (Source.ORIGINAL, Antialias.NONE), ShadingMode.MASK))
+        inside = (binary > 127).reshape(side, samples, side, samples).sum(axis=(1, 3), dtype=np.int32)
+        edge = (inside > 0) & (inside < samples**2)
+        difference = np.abs(made - inside / samples**2)
+        error += float(difference[edge].sum())
+        edges += int(edge.sum())
+        wrong += int((difference[~edge] > WRONG).sum())
+        others += int((~edge).sum())
+    return {
+        "mean_abs_error_edge_pixels": round(error / max(edges, 1), 5),
+        "wrong_other_pixels_percent": round(100.0 * wrong / max(others, 1), 5),
+        "edge_pixels": edges,
+        "samples_per_pixel": samples**2,
+    }
+
+
+def run(path: Path, side: int, views: int) -> dict[str, Any]:
+    asset = prepare(path, PreprocessOptions())
+    gpu = Gpu(1024)
+    try:
+        result = {"mesh": path.name, "faces": len(asset.faces), "hull_faces": len(asset.hull["faces"]) if asset.hull else 0, "size": side}
+        result |= {"renderer": gpu.ctx.info["GL_RENDERER"]} | frame_times(gpu, asset, views, side)
+        result["outline"] = outline_error(gpu, asset, views, side)
+    finally:
+        gpu.release()
+    return result
+
+
+def print_table(result: dict[str, Any]) -> None:
+    print(f"{result['mesh']}: {result['faces']} faces, hull {result['hull_faces']}, {result['size']} px, {result['renderer']}")
+    slowest = result["original_msaa4_ms"]
+    for name in RUNGS:
+        print(f"  {name.removesuffix('_ms'):<18} {result[name]:>8.2f} ms   {slowest / result[name]:>6.1f} x")
+    print("  passes of coverage: " + ", ".join(f"{name} {ms:.2f}" for name, ms in result["passes"].items()))
+    print(f"  PNG {result['encode_png_ms']:.2f} ms")
+    outline = result["outline"]
+    print(
+        f"  outline: error {outline['mean_abs_error_edge_pixels']:.4f}, {outline['wrong_other_pixels_percent']:.4f} % of the others wrong"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("mesh", help="a mesh file, or knot")
+    parser.add_argument("--size", type=int, default=512, help="pixels along each side")
+    parser.add_argument("--views", type=int, default=20)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(arguments.mesh)
+        if arguments.mesh == "knot":
+            path = Path(folder) / "knot.ply"
+            write_ply(str(path), *torus_knot())
+        result = run(path, arguments.size, arguments.views)
+    if arguments.json:
+        print(json.dumps(result))
+    else:
+        print_table(result)
+
+
+if __name__ == "__main__":
+    main()
