@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from schemas.errors import MeshRejectedError
 from worker.loading.faults import rejected
 from worker.loading.limits import LoadLimits
 
@@ -24,21 +25,20 @@ def read_obj(data: bytes, limits: LoadLimits) -> dict[str, Any]:
     """
     vertices, colors, faces = array("d"), array("d"), array("q")
     text = data.decode("latin-1").replace("\\\r\n", " ").replace("\\\n", " ").replace("\r\n", "\n").replace("\r", "\n")
-    for number, line in enumerate(text.split("\n"), start=1):
+    lines = text.split("\n")
+    for number, line in enumerate(lines, start=1):
         words = (line.partition("#")[0] if "#" in line else line).split()
-        if not words:
+        if not words or words[0] not in ("v", "f"):
             continue
         try:
             if words[0] == "v":
-                vertices.extend(map(float, words[1:4]))
-                if len(words) >= 7:
-                    colors.extend(map(float, words[4:7]))
-                elif len(words) < 4:
-                    raise _wrong(number)
-            elif words[0] == "f":
+                x, y, z = map(float, words[1:4])
+                vertices.extend((x, y, z))
+                colors.extend(map(float, words[4:7]) if len(words) >= 7 else ())
+            else:
                 _face(faces, words, len(vertices) // 3, number)
-        except ValueError:
-            raise _wrong(number) from None
+        except (ValueError, OverflowError):
+            raise _unreadable(number, number == len(lines)) from None
         if len(faces) > 3 * limits.max_faces or len(vertices) > 3 * limits.max_vertices:
             break  # the caller counts, and refuses
     points = np.frombuffer(vertices, np.float64).reshape(-1, 3)
@@ -46,17 +46,19 @@ def read_obj(data: bytes, limits: LoadLimits) -> dict[str, Any]:
     return {"vertices": points, "faces": np.frombuffer(faces, np.int64).reshape(-1, 3), "vertex_colors": shades}
 
 
-def _wrong(line: int) -> Exception:
-    return rejected("parse-failed", f"Line {line} of the OBJ file cannot be read.", line=line)
+def _unreadable(line: int, last: bool) -> MeshRejectedError:
+    if last:
+        return rejected("truncated", f"The OBJ file breaks off in line {line}.", line=line)
+    return rejected("parse-failed", f"Line {line} of the OBJ file is no vertex or no face of three or more corners.", line=line)
 
 
 def _face(faces: array[int], words: list[str], vertices: int, line: int) -> None:
-    corners = [int(word.partition("/")[0]) for word in words[1:]]
-    if len(corners) < 3:
-        raise rejected("parse-failed", f"Line {line} of the OBJ file is a face of fewer than three corners.", line=line)
-    for i, corner in enumerate(corners):
-        if corner == 0 or corner < -vertices or corner > 1 << 40:
-            raise rejected("index-out-of-range", f"Line {line} of the OBJ file names a vertex that does not exist.", line=line)
-        corners[i] = corner - 1 if corner > 0 else vertices + corner
+    """Append the triangles of a face line; ValueError when it is none."""
+    first, *others = [int(word.partition("/")[0]) for word in words[1:]]
+    if len(others) < 2:
+        raise ValueError(words)
+    corners = [corner - 1 if corner > 0 else vertices + corner for corner in (first, *others)]
+    if 0 in (first, *others) or min(corners) < 0 or max(corners) > 1 << 40:
+        raise rejected("index-out-of-range", f"Line {line} of the OBJ file names a vertex that does not exist.", line=line)
     for second, third in pairwise(corners[1:]):
         faces.extend((corners[0], second, third))

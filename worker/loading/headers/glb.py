@@ -32,7 +32,7 @@ def check(data: bytes, limits: LoadLimits) -> None:
         _check_extensions(tree)
         views = [_view_bytes(i, v, buffers) for i, v in enumerate(_list(tree, "bufferViews"))]
         for i, accessor in enumerate(_list(tree, "accessors")):
-            _check_accessor(i, accessor, views, limits)
+            _check_accessor(i, accessor, views)
         if not all(isinstance(image, dict) for image in _list(tree, "images")):
             raise _not_gltf()
         primitives = [p for m in _list(tree, "meshes") for p in m["primitives"]]
@@ -127,12 +127,8 @@ def _view_bytes(index: int, view: dict[str, Any], buffers: list[int]) -> tuple[i
     return size, stride
 
 
-def _check_accessor(index: int, accessor: dict[str, Any], views: list[tuple[int, int]], limits: LoadLimits) -> None:
+def _check_accessor(index: int, accessor: dict[str, Any], views: list[tuple[int, int]]) -> None:
     count, item = _natural(accessor["count"]), COMPONENT_BYTES[accessor["componentType"]] * COMPONENTS[accessor["type"]]
-    if count > 3 * limits.max_faces:
-        raise rejected(
-            "truncated", f"Accessor {index} of the GLB file declares {count} items, more than any file may have.", accessor=index
-        )
     if "sparse" in accessor:
         raise rejected("unsupported-feature", f"Accessor {index} of the GLB file is sparse, which is not supported.", accessor=index)
     if "bufferView" not in accessor:

@@ -13,6 +13,7 @@ from worker.loading.limits import MIB, LoadLimits
 MAX_MEMBERS = 4096
 RATIO_FREE_BYTES = 16 * MIB
 _BLOCK = 1 << 20
+_TRIANGLE = re.compile(rb"<(?:\w+:)?triangle\s")
 _FORBIDDEN = re.compile(rb"<!\s*(?:DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
@@ -32,8 +33,9 @@ def check(data: bytes, limits: LoadLimits) -> None:
             models = [m for m in members if m.filename.lower().endswith(".model")]
             if not any("3d/3dmodel.model" in m.filename.lower() for m in models):
                 raise rejected("not-a-mesh", "The archive has no 3D model part, so it is not a 3MF file.")
-            for member in models:
-                _check_xml(archive, member)
+            with_triangles = [member for member in models if _check_xml(archive, member)]
+            if not with_triangles:
+                raise rejected("no-faces", "The 3MF file has no triangles.")
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError, ValueError, zlib.error):
         raise rejected("truncated", "The 3MF archive is broken or cut off: it cannot be unpacked.") from None
 
@@ -58,12 +60,14 @@ def _check_sizes(members: list[zipfile.ZipInfo], packed: int, limits: LoadLimits
         )
 
 
-def _check_xml(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
-    """No document type or entity anywhere; zero bytes are dropped so that UTF-16 hides nothing."""
-    tail = b""
+def _check_xml(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bool:
+    """No document type or entity anywhere; zero bytes are dropped so that UTF-16 hides nothing. Whether it has triangles."""
+    tail, found = b"", False
     with archive.open(member) as stream:
         while block := stream.read(_BLOCK):
             window = tail + block.replace(b"\0", b"")
             if _FORBIDDEN.search(window):
                 raise rejected("forbidden-xml", "The model of the 3MF file declares a document type or entities, which are not allowed.")
+            found = found or _TRIANGLE.search(window) is not None
             tail = window[-64:]
+    return found
