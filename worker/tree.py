@@ -1,8 +1,8 @@
 """The silhouette search tree of a closed mesh.
 
 Based on: Silhouette Clipping, section 5. Departures are listed where they happen: `worker.kernels.cones` (verified cones),
-`worker.kernels.forest` (summaries, lazy predictions), `worker.kernels.tree_layout` (a last pass drops nodes that are not
-worth their test once the true cones are known).
+`worker.kernels.forest` (summaries, lazy predictions, limited height), `worker.kernels.tree_links` (links at vertices of many
+edges). The footnoted second kind of link, between edges of similar faces that share no vertex, is left out.
 """
 
 from __future__ import annotations

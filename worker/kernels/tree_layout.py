@@ -110,31 +110,3 @@ def cone_nodes(
         for k in range(3):
             high[k], low[k] = front[node, k], back[node, k]
         miss[node] = miss_probability(axis, spread, high, low, d != NO_CONE, EYE_RADIUS)
-
-
-@njit(cache=True)
-def splice(node_count, skip, edge_start, miss, cone_cost, edge_cost, keep):
-    """Mark in keep (n,) bool the nodes worth their test; the others hand their edges and children to their parent.
-
-    With the true P of every node (the joins were decided on summaries): dropping node i below a kept ancestor p saves
-    k_a P(p) and costs (P(p) - P(i)) (k_e edges + k_a children). Children are decided before their parents.
-    """
-    edges = np.empty(node_count)
-    children = np.zeros(node_count)
-    parent = np.full(node_count, -1, np.int32)
-    for i in range(node_count):
-        edges[i] = edge_start[i + 1] - edge_start[i]
-        child = i + 1
-        while child < skip[i]:
-            parent[child] = i
-            children[i] += 1.0
-            child = skip[child]
-    for i in range(node_count - 1, -1, -1):
-        keep[i] = True
-        p = parent[i]
-        above = miss[p] if p >= 0 else 1.0
-        load = edge_cost * edges[i] + cone_cost * children[i]
-        if p >= 0 and (above - miss[i]) * load < cone_cost * above:
-            keep[i] = False
-            edges[p] += edges[i]
-            children[p] += children[i] - 1.0

@@ -1,0 +1,158 @@
+"""Silhouette extraction by the search tree against brute force, on one thread.
+
+    python -m benchmarks.extraction MESH [--eyes 200] [--json]
+
+MESH is a file, or `knot`: the generated torus knot of 185,856 faces. Eyes are perspective, in random directions, between 1.5
+and 4 radii from the centre; figures are medians over them. `brute_scalar_us` tests both stored planes of every edge, one edge
+at a time; `brute_simd_us` is SIMD facing bits, then a scan of the edges. `tested_edges` and `tested_nodes` are what
+`tree_us` tests, eight at a time; `stored_edges` and `stored_nodes` what a walk of the stored forest would test one at a time,
+as in the paper. `mismatches` counts eyes for which the tree or the SIMD brute force differ from the exact predicate on all
+edges; as many orthographic eyes as a tenth of `--eyes` are checked too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from client.shapes import torus_knot
+from geometry.silhouettes import face_planes, silhouette_edgewise, silhouette_scalar, silhouette_simd
+from geometry.topology import EdgeTable, build_edges
+from schemas.conventions import F4, F8, I4, Frame
+from schemas.mesh import PreprocessOptions
+from service.silhouette.extract import SilhouetteTree
+from worker.tree import Tree, build_tree
+
+NEAREST, FARTHEST = 1.5, 4.0  # radii
+ROUNDS = 3  # timings of an eye; the least counts
+
+
+def read(mesh: str) -> tuple[F4, I4, EdgeTable]:
+    """Positions in the normalised frame, faces, edges."""
+    if mesh == "knot":
+        vertices, faces = torus_knot()
+        return Frame.around(vertices).to_normalised(vertices).astype(np.float32), faces, build_edges(faces)
+    from worker.load import load_mesh
+
+    loaded = load_mesh(Path(mesh), Path(mesh).suffix, PreprocessOptions())
+    if loaded.edges is None:
+        raise SystemExit(f"this mesh has no silhouette tree: {loaded.clip.reason}")
+    return loaded.positions, loaded.faces, loaded.edges
+
+
+def silent(_: float) -> None:
+    return None
+
+
+def random_eyes(count: int, at_infinity: int) -> F8:
+    rng = np.random.default_rng(0)
+    direction = rng.normal(size=(count + at_infinity, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    w = np.concatenate([np.ones(count), np.zeros(at_infinity)])
+    distance = np.where(w > 0, rng.uniform(NEAREST, FARTHEST, len(w)), 1.0)
+    return np.column_stack([direction * distance[:, None], w])
+
+
+def microseconds(run: Callable[[F8], Any], eyes: F8) -> float:
+    """Median over the eyes of the least of ROUNDS runs."""
+    best = np.full(len(eyes), np.inf)
+    for _ in range(ROUNDS):
+        for i, eye in enumerate(eyes):
+            start = time.perf_counter()
+            run(eye)
+            best[i] = min(best[i], time.perf_counter() - start)
+    return float(np.median(best) * 1e6)
+
+
+@njit(cache=True)
+def stored_walk(scaled, front, back, separation, skip, edge_start, eye):  # noqa: ANN001, ANN201
+    """(nodes, edges) that the paper's walk of the stored forest tests for a perspective eye."""
+    nodes, edges, i = 0, 0, 0
+    while i < len(skip):
+        nodes += 1
+        along, to_front, to_back = 0.0, 0.0, 0.0
+        for k in range(3):
+            along += scaled[i, k] * (eye[k] - front[i, k])
+            to_front += (eye[k] - front[i, k]) ** 2
+            to_back += (eye[k] - back[i, k]) ** 2
+        behind = -along - separation[i]
+        if (along >= 0.0 and along * along > to_front) or (behind >= 0.0 and behind * behind > to_back):
+            i = skip[i]
+        else:
+            edges += edge_start[i + 1] - edge_start[i]
+            i += 1
+    return nodes, edges
+
+
+def same_edges(a: I4, b: I4) -> bool:
+    return np.array_equal(a[np.lexsort(a.T)], b[np.lexsort(b.T)])
+
+
+def measure(name: str, eye_count: int) -> dict[str, Any]:
+    knot = torus_knot(40, 6)
+    small = build_edges(knot[1])
+    build_tree(knot[0].astype(np.float32), knot[1], small.vertices, small.faces, silent)  # compiles
+
+    positions, faces, edges = read(name)
+    start = time.perf_counter()
+    stored = build_tree(positions, faces, edges.vertices, edges.faces, silent)
+    build_seconds = time.perf_counter() - start
+    mesh = {"positions": positions, "faces": faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
+    tree = SilhouetteTree(mesh, stored.tensors())
+    planes = face_planes(positions, faces)
+    table = (positions, faces, edges.vertices, edges.faces)
+
+    eyes = random_eyes(eye_count, eye_count // 10)
+    wrong = 0
+    for eye in eyes:
+        exact = silhouette_scalar(*table, eye)
+        wrong += not (same_edges(tree.extract(eye).edges, exact) and same_edges(silhouette_simd(planes, *table, eye), exact))
+    near = eyes[:eye_count]
+    counts = np.median([_counts(tree, stored, eye) for eye in near], axis=0)
+    return {
+        "mesh": name,
+        "faces": len(faces),
+        "edges": len(edges.vertices),
+        "silhouette_edges": int(counts[0]),
+        "tested_edges": int(counts[1]),
+        "tested_nodes": int(counts[2]),
+        "stored_edges": int(counts[3]),
+        "stored_nodes": int(counts[4]),
+        "brute_scalar_us": round(microseconds(lambda eye: silhouette_edgewise(planes, *table, eye), near), 1),
+        "brute_simd_us": round(microseconds(lambda eye: silhouette_simd(planes, *table, eye), near), 1),
+        "tree_us": round(microseconds(tree.extract, near), 1),
+        "mismatches": wrong,
+        "build_seconds": round(build_seconds, 2),
+    }
+
+
+def _counts(tree: SilhouetteTree, stored: Tree, eye: F8) -> tuple[int, ...]:
+    found = tree.extract(eye)
+    cones = (stored.scaled_normal, stored.front_anchor, stored.back_anchor, stored.separation)
+    nodes, edges = stored_walk(*cones, stored.skip, stored.edge_start, eye)
+    return len(found.edges), found.tested_edges, found.tested_nodes, edges, nodes
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.extraction", description="Silhouette extraction against brute force.")
+    parser.add_argument("mesh", help="a mesh file, or `knot`")
+    parser.add_argument("--eyes", type=int, default=200)
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    arguments = parser.parse_args()
+    row = measure(arguments.mesh, arguments.eyes)
+    if arguments.json:
+        print(json.dumps(row))
+        return
+    for key, value in row.items():
+        print(f"{key:>18}  {value}")
+
+
+if __name__ == "__main__":
+    main()
