@@ -99,7 +99,9 @@ def _ended(accepted: Accepted, manifest: Manifest) -> MeshInfo:
         id=accepted.id,
         name=accepted.name,
         status=MeshStatus(manifest.status),
-        stages=[_stage(name, by_name.get(name), None) for name in STAGES],
+        stages=[
+            _stage(name, by_name.get(name), None) if name in by_name else Stage(name=name, status=StageStatus.SKIPPED) for name in STAGES
+        ],
         stats=manifest.stats,
         sphere=BoundingSphere(centre=manifest.frame.centre, radius=manifest.frame.scale) if manifest.frame else None,
         capabilities=manifest.capabilities,

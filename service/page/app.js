@@ -36,6 +36,7 @@ const count = (n) => n.toLocaleString("en");
 async function refresh() {
   const { meshes } = await (await api("/v1/meshes?limit=50")).json();
   at("meshes").replaceChildren(...meshes.map(row));
+  markChosen();
   return meshes;
 }
 
@@ -47,7 +48,13 @@ function row(mesh) {
   const title = element("span", { className: "title" }, element("b", { textContent: mesh.name, title: mesh.name }), element("small", { textContent: about }));
   const pick = element("button", { className: "pick", onclick: () => choose(mesh) }, thumb, title);
   const remove = element("button", { className: "remove", title: `Delete ${mesh.name}`, textContent: "✕", onclick: () => discard(mesh) });
-  return element("li", { className: `${mesh.status} ${chosen?.id === mesh.id ? "chosen" : ""}` }, pick, remove);
+  const item = element("li", { className: mesh.status }, pick, remove);
+  item.dataset.id = mesh.id;
+  return item;
+}
+
+function markChosen() {
+  for (const item of at("meshes").children) item.classList.toggle("chosen", item.dataset.id === chosen?.id);
 }
 
 async function discard(mesh) {
@@ -97,7 +104,7 @@ function choose(mesh) {
   if (mesh?.error) complain(new Error(mesh.error.detail)); else complain(null);
   if (ready) draw();
   else if (mesh && mesh.status !== "failed") watch(mesh);
-  for (const item of at("meshes").children) item.classList.remove("chosen");
+  markChosen();
 }
 
 function watch(mesh) {
@@ -106,7 +113,11 @@ function watch(mesh) {
     const info = JSON.parse(event.data);
     if (chosen?.id !== info.id) return;
     if (info.status === "ready" || info.status === "failed") { watching.close(); choose(info); refresh(); }
-    else { chosen = info; showStages(info.stages); }
+    else {
+      if (info.status !== chosen.status) refresh();
+      chosen = info;
+      showStages(info.stages);
+    }
   };
   watching.addEventListener("deleted", () => { watching.close(); choose(null); refresh(); });
 }
@@ -116,7 +127,7 @@ function showStages(stages) {
   at("stages").replaceChildren(...stages.map((stage) => element("li", { className: stage.status },
     element("span", { textContent: stage.name }),
     element("progress", { max: 1, value: stage.progress }),
-    element("span", { textContent: stage.seconds != null ? `${stage.seconds.toFixed(1)} s` : stage.status === "running" ? `${Math.round(stage.progress * 100)} %` : stage.status }))));
+    element("span", { textContent: stage.status === "done" && stage.seconds != null ? `${stage.seconds.toFixed(1)} s` : stage.status === "running" ? `${Math.round(stage.progress * 100)} %` : stage.status }))));
 }
 
 function describe(mesh) {
@@ -131,6 +142,7 @@ function describe(mesh) {
   at("facts").replaceChildren(...facts.flatMap(([key, value]) => [element("dt", { textContent: key }), element("dd", { textContent: value })]));
   const files = Object.entries(mesh?.links ?? {}).filter(([, href]) => href.includes("/artifacts/") || href.endsWith("silhouette.svg"));
   at("links").replaceChildren(...files.map(([name, href]) => element("a", { href, textContent: name })));
+  at("drawn").hidden = mesh?.status !== "ready";
   at("timing").replaceChildren();
   at("accuracy").textContent = "";
 }
@@ -164,7 +176,7 @@ async function frame(mesh) {
   const address = `/v1/meshes/${mesh.id}/render.png?${place}&${look}`;
   const lines = form.has("outline") ? api(`/v1/meshes/${mesh.id}/silhouette.svg?${place}`) : null;
   const start = performance.now();
-  const answer = await api(address);
+  const answer = await api(address, { cache: "no-store" });  // a kept picture would come with old timings
   await show(picture, await answer.blob());
   const elapsed = performance.now() - start;
   outline.hidden = !lines;

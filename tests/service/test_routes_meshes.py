@@ -92,6 +92,8 @@ def test_unusable_mesh_fails_with_a_sentence_and_the_worker_lives_on(http, clien
     problem = failed.value.problem
     assert problem.status in (415, 422)
     assert len(problem.detail) > 10
+    stages = client.info(answer.json()["id"]).stages
+    assert [stage.status for stage in stages] == ["failed", "skipped", "skipped", "skipped", "skipped"]
     assert not any(word in problem.detail for word in ("Traceback", "Error(", "/work", str(service.data_dir), "object has no attribute"))
 
     picture = http.get(f"/v1/meshes/{answer.json()['id']}/render.png")
