@@ -1,8 +1,10 @@
 """The covered part of single pixels that several chains cross: area where the winding number is positive.
 
-Between neighbouring heights of interest (ends and crossings of pieces) a pixel is a stack of slabs in which the pieces are
-straight and do not meet, so the covered width is linear in y: its value at the middle of the slab, times the height, is
-the area exactly. Pixels with more than EXACT_PIECES pieces are cut into SLABS slabs of equal height instead.
+Most need only a look: when no pieces meet, each has one winding number on its left and one on its right, and those between 0
+and 1 are the border of the covered area.
+In the others, between neighbouring heights of interest (ends and crossings of pieces), a pixel is a stack of slabs in which
+the pieces are straight and do not meet, so the covered width is linear in y: its value at the middle of the slab, times the
+height, is the area exactly. Pixels with more than EXACT_PIECES pieces are cut into SLABS slabs of equal height instead.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ from service.kernels.coverage import DOUBTFUL
 EXACT_PIECES = 12
 SLABS = 32
 LONGEST_INSERTION = 48  # longer lists are sorted by argsort
+STEEPEST = 1e5  # dx / dy up to which x = a + b y is good to NEAR
+NEAR = 1e-9  # pixels
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -55,79 +59,148 @@ def _heights(p, begin, end, top, heights):
 
 
 @njit(cache=True, nogil=True, inline="always")
+def _integral(p, i, left, top):
+    """What piece i adds to the integral of the winding number over its pixel, given that just left of the top left corner."""
+    own = (p[i, 3] - p[i, 1]) * (1.0 - 0.5 * ((p[i, 0] - left) + (p[i, 2] - left)))
+    # a chain that comes in through the left side runs to the right: below it the winding is less by one
+    if p[i, 0] == left:
+        own -= 1.0 - (p[i, 1] - top)
+    if p[i, 2] == left:
+        own += 1.0 - (p[i, 3] - top)
+    return own
+
+
+@njit(cache=True, nogil=True, inline="always")
 def _corner_winding(p, begin, end, total, left, top):
     """Winding number just left of the pixel's top left corner: what is left of the pixel's sum without its own pieces."""
     own = 0.0
     for i in range(begin, end):
-        own += (p[i, 3] - p[i, 1]) * (1.0 - 0.5 * ((p[i, 0] - left) + (p[i, 2] - left)))
-        if p[i, 0] == left:
-            own -= 1.0 - (p[i, 1] - top)
-        if p[i, 2] == left:
-            own += 1.0 - (p[i, 3] - top)
+        own += _integral(p, i, left, top)
     return np.floor(total - own + 0.5)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _sort(at, rise, n):
+@njit(cache=True, nogil=True)
+def _sort(scratch, n):
+    """Sort the first n crossings (rows 8 and 9 of scratch) by x."""
     if n > LONGEST_INSERTION:
-        order = np.argsort(at[:n])
-        at[:n] = at[:n][order]
-        rise[:n] = rise[:n][order]
+        order = np.argsort(scratch[8, :n])
+        scratch[8, :n] = scratch[8, :n][order]
+        scratch[9, :n] = scratch[9, :n][order]
         return
     for i in range(1, n):
-        x, s, j = at[i], rise[i], i
-        while j > 0 and at[j - 1] > x:
-            at[j], rise[j] = at[j - 1], rise[j - 1]
+        x, s, j = scratch[8, i], scratch[9, i], i
+        while j > 0 and scratch[8, j - 1] > x:
+            scratch[8, j], scratch[9, j] = scratch[8, j - 1], scratch[9, j - 1]
             j -= 1
-        at[j], rise[j] = x, s
+        scratch[8, j], scratch[9, j] = x, s
 
 
 @njit(cache=True, nogil=True)
-def _width(p, begin, end, y, corner, left, slope, at, rise):
-    """Covered width on the line y. slope: dx / dy of each piece; at, rise: room for the crossings."""
-    winding, n = corner, 0
+def _lines(p, begin, end, top, left, scratch):
+    """Prepare pieces p[begin:end] for `_width`, relative to the pixel's corner; returns the number of events.
+
+    Rows of scratch: 1, 2 lower and upper height of a piece that is not level, 3, 4 its x = row 3 + y * row 4, 5 whether it runs
+    down (+1) or up (-1); 6, 7 events on the pixel's left side, heights and steps of the winding number.
+    """
+    events = 0
     for i in range(begin, end):
-        xa, ya, xb, yb = p[i, 0], p[i, 1], p[i, 2], p[i, 3]
-        # a chain that comes in through the left side runs to the right: below it the winding is less by one
-        if xa == left and ya < y:
-            winding -= 1.0
-        if xb == left and yb < y:
-            winding += 1.0
-        if (ya < y) != (yb < y):
-            at[n] = min(max(xa + (y - ya) * slope[i - begin], left), left + 1.0)
-            rise[n] = 1.0 if yb > ya else -1.0
-            n += 1
-    _sort(at, rise, n)
-    covered, x = 0.0, left
+        xa, ya, xb, yb = p[i, 0] - left, p[i, 1] - top, p[i, 2] - left, p[i, 3] - top
+        k = i - begin
+        slope = (xb - xa) / (yb - ya) if yb != ya else 0.0
+        scratch[1, k], scratch[2, k] = min(ya, yb), max(ya, yb)
+        scratch[3, k], scratch[4, k] = xa - ya * slope, slope
+        scratch[5, k] = 1.0 if yb > ya else -1.0
+        if xa == 0.0:
+            scratch[6, events], scratch[7, events] = ya, -1.0
+            events += 1
+        if xb == 0.0:
+            scratch[6, events], scratch[7, events] = yb, 1.0
+            events += 1
+    return events
+
+
+@njit(cache=True, nogil=True)
+def _width(count, events, y, corner, scratch):
+    """Covered width on the line y of the pixel. No branch depends on where a piece is: those would be guessed wrongly."""
+    winding, n = corner, 0
+    for i in range(events):
+        winding += scratch[7, i] * (scratch[6, i] < y)
+    for i in range(count):
+        scratch[8, n] = min(max(scratch[3, i] + y * scratch[4, i], 0.0), 1.0)
+        scratch[9, n] = scratch[5, i]
+        n += (scratch[1, i] < y) & (y < scratch[2, i])
+    if n > 1:
+        _sort(scratch, n)
+    covered, x = 0.0, 0.0
     for i in range(n):
-        if winding > 0.0:
-            covered += at[i] - x
-        winding += rise[i]
-        x = at[i]
-    return covered + (left + 1.0 - x if winding > 0.0 else 0.0)
+        covered += (scratch[8, i] - x) * (winding > 0.0)
+        winding += scratch[9, i]
+        x = scratch[8, i]
+    return covered + (1.0 - x) * (winding > 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _meet(count, scratch):
+    """Whether pieces cross or run on top of each other, or are too flat to tell; ends that touch do not count."""
+    for i in range(count):
+        if not abs(scratch[4, i]) < STEEPEST or scratch[1, i] == scratch[2, i]:
+            return True
+        for j in range(i):
+            low, high = max(scratch[1, i], scratch[1, j]), min(scratch[2, i], scratch[2, j])
+            if low >= high:
+                continue
+            shift, slope = scratch[3, i] - scratch[3, j], scratch[4, i] - scratch[4, j]
+            above, below = shift + slope * low, shift + slope * high
+            if not ((above > NEAR or below > NEAR) and above > -NEAR and below > -NEAR) and not (
+                (above < -NEAR or below < -NEAR) and above < NEAR and below < NEAR
+            ):
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _area_between(p, begin, end, top, left, events, corner, scratch):
+    """Covered area of a pixel whose pieces do not meet: the integral of the winding number over the pieces that bound it.
+
+    Along a piece that meets no other the winding number on either side is the same from end to end; it is taken just below
+    the middle. Pieces with 0 on one side and 1 on the other are the border of what is covered.
+    """
+    area = 1.0 if corner > 0.0 else 0.0
+    for i in range(end - begin):
+        y = 0.5 * (scratch[1, i] + scratch[2, i])
+        x = scratch[3, i] + y * scratch[4, i]
+        winding = corner
+        for e in range(events):
+            winding += scratch[7, e] * (scratch[6, e] <= y)
+        for j in range(end - begin):
+            beside = (scratch[1, j] <= y) & (y < scratch[2, j]) & (scratch[3, j] + y * scratch[4, j] < x)
+            winding += scratch[5, j] * (beside & (i != j))
+        if min(winding, winding + scratch[5, i]) == 0.0:
+            area += _integral(p, begin + i, left, top)
+    return area
 
 
 @njit(cache=True, nogil=True)
 def covered_area(p, begin, end, total, left, top, scratch):
     """Area of the pixel (left, top) in which the winding number is positive.
 
-    p[begin:end] (k, 4) f8: its pieces. total: the integral of the winding number over the pixel. scratch: (4, n) f8, n at
-    least k and at least 2 + 2 m + m^2 with m = min(k, EXACT_PIECES).
+    p[begin:end] (k, 4) f8: its pieces. total: the integral of the winding number over the pixel. scratch: (10, n) f8, n at
+    least 2 k and at least 2 + 2 m + m^2 with m = min(k, EXACT_PIECES).
     """
-    heights, slope, at, rise = scratch[0], scratch[1], scratch[2], scratch[3]
     corner = _corner_winding(p, begin, end, total, left, top)
-    for i in range(begin, end):
-        drop = p[i, 3] - p[i, 1]
-        slope[i - begin] = (p[i, 2] - p[i, 0]) / drop if drop != 0.0 else 0.0
+    events = _lines(p, begin, end, top, left, scratch)
     area = 0.0
     if end - begin > EXACT_PIECES:
         for i in range(SLABS):
-            area += _width(p, begin, end, top + (i + 0.5) / SLABS, corner, left, slope, at, rise)
+            area += _width(end - begin, events, (i + 0.5) / SLABS, corner, scratch)
         return area / SLABS
+    if not _meet(end - begin, scratch):
+        return _area_between(p, begin, end, top, left, events, corner, scratch)
+    heights = scratch[0]
     n = _heights(p, begin, end, top, heights)
     for i in range(n - 1):
-        y = 0.5 * (heights[i] + heights[i + 1])
-        area += _width(p, begin, end, y, corner, left, slope, at, rise) * (heights[i + 1] - heights[i])
+        y = 0.5 * ((heights[i] - top) + (heights[i + 1] - top))
+        area += _width(end - begin, events, y, corner, scratch) * (heights[i + 1] - heights[i])
     return area
 
 
@@ -167,7 +240,7 @@ def resolve(pieces, offsets, doubtful, sums, columns, mask, x0, y0):
     for d in range(doubtful.shape[0]):
         most = max(most, offsets[d + 1] - offsets[d])
     few = min(most, EXACT_PIECES)
-    scratch = np.empty((4, max(most, 2 + 2 * few + few * few)))
+    scratch = np.empty((10, max(2 * most + 1, 2 + 2 * few + few * few)))
     for d in range(doubtful.shape[0]):
         row, column = doubtful[d] // columns, doubtful[d] % columns
         left, top = np.float64(x0 + column), np.float64(y0 + row)
