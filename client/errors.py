@@ -19,8 +19,8 @@ import httpx
 
 from schemas.mesh import Problem
 
-MESH_CODES = frozenset({"mesh-rejected", "stage-failed", "empty-file"})
-"""Codes of problems that are about the mesh, not about the request."""
+REQUEST_CODES = frozenset({"invalid-request", "capability-unavailable"})
+"""Codes of 422 that are about the request; all others say what is wrong with the mesh."""
 
 
 class ServiceError(Exception):
@@ -97,7 +97,7 @@ BY_STATUS: dict[int, type[ServiceError]] = {
 def error_of(answer: httpx.Response) -> ServiceError:
     """The exception for an answer whose status says error; its body must have been read."""
     problem = _problem(answer)
-    if problem.status == 422 and (problem.model_extra or {}).get("code") in MESH_CODES:
+    if problem.status == 422 and (problem.model_extra or {}).get("code") not in REQUEST_CODES:
         return MeshFailedError(problem)
     error = BY_STATUS.get(answer.status_code, ServiceError)(problem)
     if isinstance(error, BusyError):
