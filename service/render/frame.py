@@ -6,12 +6,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from schemas.conventions import U1
 from schemas.render import RenderRequest, Source
 from service.assets import MeshAsset
-from service.camera import View, project, resolve_camera, to_pixels
+from service.camera import View, resolve_camera
+from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
 from service.render.passes.background import make_background
 from service.render.passes.clear import clear_target
 from service.render.passes.composite import compose
@@ -126,13 +125,8 @@ def _visible(asset: MeshAsset, plan: Plan, view: View) -> Tile:
     """The part of the image that can have anything of the mesh in it; empty (no width) when none can."""
     clipped = plan.source is Source.CLIPPED and asset.hull is not None
     points = asset.hull["positions"] if clipped and asset.hull is not None else asset.corners
-    clip = project(view, points)
-    beyond = np.abs(clip[:, :2]) > np.maximum(clip[:, 3:], 0.0) * (1.0 + 2.0 * BORDER / np.array([view.width, view.height]))
-    sides = np.hstack([beyond & (clip[:, :2] < 0.0), beyond & (clip[:, :2] > 0.0), clip[:, 3:] <= 0.0])
-    if np.any(np.all(sides, axis=0)):
-        return Tile(0, 0, 0, 0)
+    kind, x0, y0, x1, y1 = screen_bounds(view.matrix, points, view.width, view.height, BORDER)
     whole = Tile(0, 0, view.width, view.height)
-    if np.any(clip[:, 3] <= 0.0):
-        return whole
-    pixels = to_pixels(view, clip)
-    return whole.within(pixels.min(axis=0), pixels.max(axis=0))
+    if kind == SOME:
+        return whole.within((x0, y0), (x1, y1))
+    return whole if kind == UNKNOWN else Tile(0, 0, 0, 0)

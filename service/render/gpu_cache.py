@@ -23,7 +23,9 @@ _GL_FORMAT = {"<f4": "f", "|u1": "f1"}
 
 @dataclass(frozen=True)
 class Surface:
-    """A drawable surface. fields: its vertex attributes, without the prefix "in_". definitions: for the surface shaders."""
+    """A drawable surface. fields: its vertex attributes, without the prefix "in_". definitions: for the surface shaders.
+    edge_ends: (e, 2) rows of the ends of all edges of a hull, in the order of its edge table.
+    """
 
     fields: Fields
     vertices: moderngl.Buffer
@@ -31,6 +33,7 @@ class Surface:
     textures: dict[str, moderngl.Texture]
     definitions: frozenset[str]
     nbytes: int
+    edge_ends: Array | None = None
     arrays: dict[moderngl.Program, moderngl.VertexArray] = field(default_factory=dict)
 
     def array(self, ctx: moderngl.Context, program: moderngl.Program) -> moderngl.VertexArray:
@@ -101,6 +104,10 @@ class GpuCache:
         if "normal_map" in images:
             definitions.discard("NORMAL")
         indices = None if unindexed else np.ascontiguousarray(asset.faces, "<i4")
+        edge_ends = None
+        if source is Source.CLIPPED and asset.hull is not None:
+            table = asset.hull_edges
+            edge_ends = rows[edge_corners(asset.hull["faces"], table.vertices, table.faces[:, 0])]
         return Surface(
             fields_of(rows.dtype),
             self._ctx.buffer(rows.tobytes()),
@@ -108,6 +115,7 @@ class GpuCache:
             {name: self._texture(image, srgb=name == "color_map", repeat=source is Source.ORIGINAL) for name, image in images.items()},
             frozenset(definitions),
             rows.nbytes + (0 if indices is None else indices.nbytes) + sum(4 * i.shape[0] * i.shape[1] for i in images.values()),
+            edge_ends,
         )
 
     def _texture(self, image: Array, *, srgb: bool, repeat: bool) -> moderngl.Texture:
@@ -182,6 +190,11 @@ def corner_rows(asset: MeshAsset, source: Source, corners: I4, *, colored: bool)
         # v upwards, while row 0 of the texture is uploaded first, at v = 0
         columns["uv"] = appearance["corner_uv"].reshape(-1, 2)[corners] * np.array([1, -1], "<f4") + np.array([0, 1], "<f4")
     return _rows(columns)
+
+
+def edge_corners(faces: I4, edges: I4, beside: I4) -> I4:
+    """(e, 2) numbers of the corners at the ends of edges (e, 2), on the faces (e,) beside them."""
+    return 3 * beside[:, None] + np.argmax(faces[beside][:, None, :] == edges[:, :, None], axis=2)
 
 
 def _rows(columns: dict[str, Array]) -> Array:

@@ -7,7 +7,6 @@ from importlib import resources
 from typing import Any
 
 import moderngl
-import numpy as np
 
 VERSION = "#version 330 core\n"
 INCLUDE = "//! include "
@@ -25,23 +24,13 @@ def shader_body(file: str) -> str:
     return resources.files("service.render").joinpath("shaders", file).read_text("utf-8")
 
 
-def set_uniforms(program: moderngl.Program, **values: Any) -> None:
-    """Set uniforms by name: numbers, tuples of numbers, or matrices as arrays. Those a variant does not use are passed over."""
-    for name, value in values.items():
-        member = program.get(name, None)
-        if isinstance(member, moderngl.Uniform):
-            if isinstance(value, np.ndarray):
-                member.write(value)
-            else:
-                member.value = value
-
-
 class Programs:
     """Compiled programs, kept for good: their number is bounded by the variants there are."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
         self._kept: dict[tuple[str, str, frozenset[str]], moderngl.Program] = {}
+        self._set: dict[tuple[moderngl.Program, str], Any] = {}
 
     def get(self, vertex: str, fragment: str, definitions: frozenset[str] = frozenset()) -> moderngl.Program:
         """The program of `vertex`.vert.glsl and `fragment`.frag.glsl."""
@@ -52,6 +41,19 @@ class Programs:
                 fragment_shader=shader_source(f"{fragment}.frag.glsl", definitions),
             )
         return self._kept[key]
+
+    def set(self, program: moderngl.Program, **values: Any) -> None:
+        """Set uniforms by name: numbers, tuples of numbers, or matrices as bytes. Those a variant does not use are passed over."""
+        for name, value in values.items():
+            if self._set.get((program, name)) == value:
+                continue
+            self._set[program, name] = value
+            member = program.get(name, None)
+            if isinstance(member, moderngl.Uniform):
+                if isinstance(value, bytes):
+                    member.write(value)
+                else:
+                    member.value = value
 
     def release(self) -> None:
         """Delete them all."""

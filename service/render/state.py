@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import moderngl
 import numpy as np
 
-from schemas.conventions import F4, F8, I4, U1, Array
+from schemas.conventions import F8, I4, U1, Array
 from schemas.render import RenderRequest
 from service.assets import MeshAsset
 from service.camera import View
@@ -22,6 +22,8 @@ from service.render.targets import Target, Targets
 from service.silhouette.contours import Contours
 
 LINEAR_TABLE = linear_table()
+LEAST_STREAM = 1 << 14
+"""Bytes of the smallest buffer for passing vertices."""
 BORDER = 2
 """Pixels about the bounds of a surface that are drawn too: rim and outline reach one pixel beyond it."""
 Color = tuple[int, int, int]
@@ -42,6 +44,45 @@ def word_of(color: Color) -> np.uint32:
     return np.array([*color, 255], np.uint8).view("<u4")[0]
 
 
+class Stream:
+    """Buffers that are filled anew for every draw and grow as needed."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._vertices: moderngl.Buffer | None = None
+        self._indices: moderngl.Buffer | None = None
+        self._array: moderngl.VertexArray | None = None
+
+    def filled(self, program: moderngl.Program, data: Array, layout: str, names: Sequence[str], indices: I4 | None) -> moderngl.VertexArray:
+        """The data as input of the program; it lasts until the next call."""
+        known = (self._vertices, self._indices)
+        self._vertices = self._holding(self._vertices, data)
+        if indices is not None:
+            self._indices = self._holding(self._indices, indices)
+        if self._array is None or known != (self._vertices, self._indices):
+            if self._array is not None:
+                self._array.release()
+            self._array = self._ctx.vertex_array(program, [(self._vertices, layout, *names)], self._indices)
+        if indices is not None:
+            self._array.vertices = indices.size
+        return self._array
+
+    def _holding(self, buffer: moderngl.Buffer | None, data: Array) -> moderngl.Buffer:
+        if buffer is None or buffer.size < data.nbytes:
+            if buffer is not None:
+                buffer.release()
+            buffer = self._ctx.buffer(reserve=max(LEAST_STREAM, 2 * data.nbytes), dynamic=True)
+        buffer.orphan()
+        buffer.write(np.ascontiguousarray(data))
+        return buffer
+
+    def release(self) -> None:
+        """Delete the buffers."""
+        for one in (self._array, self._vertices, self._indices):
+            if one is not None:
+                one.release()
+
+
 class Gpu:
     """The GL and everything kept in it between frames. Belongs to the thread that makes it."""
 
@@ -52,6 +93,7 @@ class Gpu:
         self.targets = Targets(self.gl)
         self.cache = GpuCache(self.ctx, cache_mib)
         self._screens: dict[moderngl.Program, moderngl.VertexArray] = {}
+        self._streams: dict[moderngl.Program, Stream] = {}
         self._pixels = np.empty(0, np.uint8)
 
     def pixel_buffer(self, size: int) -> U1:
@@ -66,25 +108,20 @@ class Gpu:
             self._screens[program] = self.ctx.vertex_array(program, [])
         return self._screens[program]
 
-    @contextmanager
-    def passing(
+    def streamed(
         self, program: moderngl.Program, data: Array, layout: str, names: Sequence[str], indices: I4 | None = None
-    ) -> Iterator[moderngl.VertexArray]:
-        """Vertices for one draw only."""
-        vertices = self.ctx.buffer(np.ascontiguousarray(data).tobytes())
-        index = None if indices is None else self.ctx.buffer(np.ascontiguousarray(indices, "<i4").tobytes())
-        array = self.ctx.vertex_array(program, [(vertices, layout, *names)], index)
-        try:
-            yield array
-        finally:
-            for one in (array, vertices, index):
-                if one is not None:
-                    one.release()
+    ) -> moderngl.VertexArray:
+        """Vertices, and maybe indices, for the next draw with this program; the buffers are used again."""
+        if program not in self._streams:
+            self._streams[program] = Stream(self.ctx)
+        return self._streams[program].filled(program, data, layout, names, indices)
 
     def release(self) -> None:
         """Delete everything and give the context back."""
         for array in self._screens.values():
             array.release()
+        for stream in self._streams.values():
+            stream.release()
         self.cache.release()
         self.targets.release()
         self.programs.release()
@@ -100,14 +137,13 @@ class Tile:
     width: int
     height: int
 
-    def within(self, low: F8, high: F8) -> Tile:
-        """The part of it that lies between two points (2,), in pixels, and a border about them."""
-        corner, end = (self.x, self.y), (self.x + self.width, self.y + self.height)
-        first = np.clip(np.floor(low) - BORDER, corner, end)
-        last = np.clip(np.ceil(high) + BORDER, corner, end)
-        if not np.all(first < last):
-            return Tile(self.x, self.y, 0, 0)
-        return Tile(int(first[0]), int(first[1]), int(last[0] - first[0]), int(last[1] - first[1]))
+    def within(self, low: tuple[float, float], high: tuple[float, float]) -> Tile:
+        """The part of it that lies between two points, in pixels, and a border about them."""
+        x0 = math.floor(max(low[0] - BORDER, self.x))
+        y0 = math.floor(max(low[1] - BORDER, self.y))
+        x1 = math.ceil(min(high[0] + BORDER, self.x + self.width))
+        y1 = math.ceil(min(high[1] + BORDER, self.y + self.height))
+        return Tile(x0, y0, x1 - x0, y1 - y0) if x0 < x1 and y0 < y1 else Tile(self.x, self.y, 0, 0)
 
 
 @dataclass
@@ -149,13 +185,13 @@ class FrameState:
         framebuffer.use()
         return framebuffer
 
-    def clip_from_object(self) -> F4:
-        """(4, 4) f4, column-major: the tile's rectangle of the image as the whole clip space, rows downwards."""
+    def clip_from_object(self) -> bytes:
+        """(4, 4) f4 as bytes, column-major: the tile's rectangle of the image as the whole clip space, rows downwards."""
         t, view = self.tile, self.view
-        crop = np.eye(4)
-        crop[0, 0], crop[0, 3] = view.width / t.width, (view.width - 2.0 * t.x) / t.width - 1.0
-        crop[1, 1], crop[1, 3] = -view.height / t.height, (view.height - 2.0 * t.y) / t.height - 1.0
-        return np.ascontiguousarray((crop @ view.matrix).T, np.float32)
+        m = view.matrix.copy()
+        m[0] = (view.width / t.width) * m[0] + ((view.width - 2.0 * t.x) / t.width - 1.0) * m[3]
+        m[1] = (-view.height / t.height) * m[1] + ((view.height - 2.0 * t.y) / t.height - 1.0) * m[3]
+        return m.T.astype(np.float32).tobytes()
 
     def pixel(self) -> tuple[float, float]:
         """Size of an image pixel in the tile's normalised device coordinates."""

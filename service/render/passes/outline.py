@@ -11,7 +11,6 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from service.render.programs import set_uniforms
 from service.render.state import FrameState
 
 
@@ -26,7 +25,7 @@ def draw_outline(frame: FrameState) -> None:
     gpu.ctx.blend_func = moderngl.ONE, moderngl.ONE
     gpu.ctx.blend_equation = moderngl.MAX, moderngl.MAX
     program = gpu.programs.get("outline", "outline")
-    set_uniforms(program, origin=(float(tile.x), float(tile.y)), pixel=frame.pixel())
-    with gpu.passing(program, frame.segments.astype(np.float32), "4f/i", ["in_segment"]) as lines:
-        lines.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(frame.segments))
+    gpu.programs.set(program, origin=(float(tile.x), float(tile.y)), pixel=frame.pixel())
+    lines = gpu.streamed(program, frame.segments.astype(np.float32), "4f/i", ["in_segment"])
+    lines.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(frame.segments))
     gpu.ctx.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD

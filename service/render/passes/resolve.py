@@ -5,7 +5,6 @@ from __future__ import annotations
 import moderngl
 
 from schemas.render import Antialias
-from service.render.programs import set_uniforms
 from service.render.state import FrameState
 from service.render.targets import Target
 
@@ -18,7 +17,7 @@ def resolve_samples(frame: FrameState) -> None:
     definitions = _definitions(frame, sampled)
     program = gpu.programs.get("screen", "resolve", definitions)
     sampled.color.use(0)
-    set_uniforms(program, samples=0, texel=(1.0 / sampled.size[0], 1.0 / sampled.size[1]))
+    gpu.programs.set(program, samples=0, texel=(1.0 / sampled.size[0], 1.0 / sampled.size[1]))
     frame.target = gpu.targets.get(frame.tile.width, frame.tile.height)
     framebuffer = frame.target.framebuffer
     framebuffer.viewport = (0, 0, frame.tile.width, frame.tile.height)

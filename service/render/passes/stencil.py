@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import moderngl
 
-from service.render.programs import set_uniforms
 from service.render.state import FrameState
 
 
@@ -22,7 +21,6 @@ def count_windings(frame: FrameState) -> None:
     gpu.gl.count_windings()
     if frame.contours is not None and len(frame.triangles):
         program = gpu.programs.get("loops", "opaque")
-        set_uniforms(program, clip_from_object=frame.clip_from_object())
+        gpu.programs.set(program, clip_from_object=frame.clip_from_object())
         corners = frame.asset.positions[frame.contours.vertices]
-        with gpu.passing(program, corners, "3f", ["in_position"], frame.triangles) as loops:
-            loops.render()
+        gpu.streamed(program, corners, "3f", ["in_position"], frame.triangles).render()

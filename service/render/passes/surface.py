@@ -7,7 +7,6 @@ import numpy as np
 
 from schemas.render import Antialias, ShadingMode
 from service.render.gpu_cache import Surface
-from service.render.programs import set_uniforms
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
 DEFAULT_LIGHT = (0.5, 0.7, 1.0)
@@ -46,7 +45,7 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
     light = np.array(shading.light or DEFAULT_LIGHT)
     length = float(np.linalg.norm(light))
     light = frame.view.view[:3, :3].T @ (light / length if length > 0.0 else light)
-    set_uniforms(
+    frame.gpu.programs.set(
         program,
         clip_from_object=frame.clip_from_object(),
         base_color=tuple(color.tolist()),
