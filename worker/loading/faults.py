@@ -45,9 +45,11 @@ def parse_failed(kind: str) -> MeshRejectedError:
 def from_report(code: str, message: str, where: dict[str, Any]) -> SilhouetteError:
     """The error a child reported. The child read hostile bytes, so its words are taken only when they look like ours."""
     plain = isinstance(message, str) and 0 < len(message) <= 400 and message.isprintable()
-    places: dict[str, Any] = {
-        str(k)[:32]: v for k, v in where.items() if isinstance(v, int | float) or (isinstance(v, str) and len(v) <= 64)
-    }
+    places: dict[str, Any] = {str(k)[:32]: v for k, v in where.items() if k not in ("code", "message") and _is_place(v)}
     if not plain or not (code in CODES or code in _ERRORS):
         return parse_failed("a mesh")
     return _ERRORS[code](message, **places) if code in _ERRORS else rejected(code, message, **places)
+
+
+def _is_place(value: Any) -> bool:
+    return isinstance(value, int | float) or (isinstance(value, str) and len(value) <= 64)

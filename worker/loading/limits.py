@@ -52,4 +52,6 @@ def limit_this_process(limits: LoadLimits, parent: int) -> None:
     ):
         hard = resource.getrlimit(what)[1]
         value = soft if hard == resource.RLIM_INFINITY else min(soft, hard)
-        resource.setrlimit(what, (value, value))
+        # processor time needs a second between the two: at the soft limit comes SIGXCPU, which says why; then SIGKILL
+        more = int(what == resource.RLIMIT_CPU and value != hard)
+        resource.setrlimit(what, (value, value + more))

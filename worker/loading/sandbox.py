@@ -89,7 +89,6 @@ def _death(status: int, limits: LoadLimits) -> SilhouetteError:
     if status == -signal.SIGXCPU:
         return rejected("time-limit", f"Reading the mesh takes more than the {limits.cpu_s} s of processor time that are allowed.")
     if status in (-signal.SIGKILL, -signal.SIGXFSZ):
-        # past its soft limit the kernel sends SIGKILL for processor time too, but only a second later than SIGXCPU
         return rejected("out-of-memory", "Reading the mesh took too much memory.")
     return rejected("parser-crashed", "Reading the mesh brought its reader down.")
 
