@@ -128,7 +128,22 @@ def _around_crossings(original: _Solid, hull: _Solid) -> tuple[F8, Values]:
     normal = original.normals[pairs[:, 1]]
     outward -= np.einsum("ni,ni->n", outward, normal)[:, None] * normal
     length = np.linalg.norm(outward, axis=1, keepdims=True)
-    return points + STEP_IN * np.divide(outward, length, out=np.zeros_like(outward), where=length > 0.0), pairs[:, 1]
+    step = STEP_IN * np.divide(outward, length, out=np.zeros_like(outward), where=length > 0.0)
+    # not beyond the face: what leaves it through its border is found at its edges
+    here, there = (_barycentric(original, pairs[:, 1], at) for at in (points, points + step))
+    loss = here - there
+    exits = np.divide(np.maximum(here, 0.0), loss, out=np.full_like(here, np.inf), where=loss > 0.0).min(axis=1)
+    return points + step * np.minimum(1.0, exits / 2.0)[:, None], pairs[:, 1]
+
+
+def _barycentric(solid: _Solid, face: Values, points: F8) -> F8:
+    """(n, 3) f8 weights of points (n, 3) f8 in the planes of faces of a solid."""
+    a, b, c = (solid.positions[solid.faces[face, k]].astype(np.float64) for k in range(3))
+    across = np.cross(b - a, c - a)
+    square = np.maximum(np.einsum("ni,ni->n", across, across), np.finfo(np.float64).tiny)
+    s = np.einsum("ni,ni->n", np.cross(points - a, c - a), across) / square
+    t = np.einsum("ni,ni->n", np.cross(b - a, points - a), across) / square
+    return np.stack([1.0 - s - t, s, t], axis=1)
 
 
 def _parameters(solid: _Solid, face: Values, ends: F8) -> F8:

@@ -341,6 +341,17 @@ def test_a_dent_across_a_long_edge_is_found():
         enclosure_fault(positions, faces, *dented_cube(at, 0.3))
 
 
+def test_hull_edges_through_slivers_of_parts_that_overlap_are_no_fault():
+    """Where parts overlap, a hull edge of one goes through faces of the other deep inside; next to a sliver is not on it."""
+    needle = np.array([[-2.0, 0, 0], [2.0, 1e-6, 0], [2.0, 0, 1e-6], [2.0, 0, 0]])
+    needle = (needle, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32))
+    box = (cube(1)[0] * 2.0 - 1.0, cube(1)[1])
+    needle, box = (np.float32(needle[0]), needle[1]), (np.float32(box[0]), box[1])
+    grown = (box[0] * np.float32(1.1), box[1])
+    both, around = joined(box, needle), joined(grown, needle)
+    assert enclosure_fault(np.float32(both[0]), both[1], np.float32(around[0]), around[1]) == 0
+
+
 def test_a_hull_that_cuts_off_a_vertex_by_more_than_a_rounding_is_found():
     positions, faces, _ = normalised(cube(2))
     for scale, grazing in ((1.0 - 1e-7, True), (1.0 - 1e-5, False)):
