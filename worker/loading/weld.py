@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from schemas.conventions import F4
+from worker.kernels.load_union import directions
 from worker.loading.surface import Index, Mask, Surface, half_edges
 
 
@@ -37,59 +38,50 @@ def drop_collapsed(surface: Surface) -> tuple[Surface, int]:
 def drop_duplicates(surface: Surface) -> tuple[Surface, int]:
     """Without faces that are there twice, and how many there were.
 
-    Of faces with the same three vertices in the same direction one stays, except where taking the others away would open an
-    edge that has an even number of faces: there they belong to different sheets. Of two in opposite directions one goes
-    when their edges have an odd number of faces (it is a duplicate of unknown direction); else both stay, a thin fin.
+    Of the faces with the same three vertices the first stays. Patches of the others, as they hang together across edges, go
+    - unless that would leave an edge with an odd number of faces that had an even one: there they belong to different
+      sheets, such as the wall where two bodies touch or the two sides of a fin;
+    - and where some have the opposite direction, only if an edge with an odd number of faces gets an even one: a closed
+      double wall is no mistake.
     """
-    group, turn = _coincident(surface.faces)
-    if group.max(initial=-1) + 1 == len(group):
+    extra, opposite = _later_coincident(surface.faces)
+    if not extra.any():
         return surface, 0
-    alive = np.ones(len(group), bool)
-    order = np.lexsort((np.arange(len(group)), turn, group))
-    same = (group[order][1:] == group[order][:-1]) & (turn[order][1:] == turn[order][:-1])
-    extra = np.zeros(len(group), bool)
-    extra[order[1:][same]] = True
     edges = half_edges(surface.faces)
-    edge, count = edges.edge.reshape(-1, 3), edges.counts
-    alive[extra] = False
-    _restore(alive, extra, edge, count)
-    left = np.bincount(edge[alive].ravel(), minlength=len(count))
-    opposite = _opposite_pairs(group, turn, alive)
-    odd = (left[edge[opposite]] % 2).sum(axis=1) >= 2
-    alive[opposite[odd]] = False
-    return surface.kept(alive), int((~alive).sum())
+    edge = edges.edge.reshape(-1, 3)
+    odd_before = edges.counts % 2 == 1
+    odd_after = np.bincount(edge[~extra].ravel(), minlength=len(edges.counts)) % 2 == 1
+    patch = _patches(edge, extra)
+    opens, closes, two_sided = (np.zeros(len(extra), bool) for _ in range(3))
+    opens[patch[extra & (odd_after & ~odd_before)[edge].any(axis=1)]] = True
+    closes[patch[extra & (odd_before & ~odd_after)[edge].any(axis=1)]] = True
+    two_sided[patch[opposite]] = True
+    gone = extra & ~opens[patch] & (closes | ~two_sided)[patch]
+    return surface.kept(~gone), int(gone.sum())
 
 
-def _coincident(faces: Index) -> tuple[Index, Index]:
-    """((f,) number of each face's vertex set, (f,) direction 0 or 1)."""
+def _patches(edge: Index, which: Mask) -> Index:
+    """(f,) a number shared by those of the faces `which` that hang together across edges; edge (f, 3)."""
+    faces = np.flatnonzero(which)
+    sides = edge[faces].ravel()
+    order = np.argsort(sides, kind="stable")
+    owner, sides = np.repeat(faces, 3)[order], sides[order]
+    follow = sides[1:] == sides[:-1]
+    pairs = np.column_stack([owner[:-1][follow], owner[1:][follow]])
+    return directions(pairs, np.zeros(len(pairs), bool), 0, len(which))[0]
+
+
+def _later_coincident(faces: Index) -> tuple[Mask, Mask]:
+    """(f,) whether an earlier face has the same three vertices, and whether the first of those has the other direction."""
     ranked = np.sort(faces, axis=1)
     order = np.lexsort(ranked.T[::-1])
-    new = np.ones(len(faces), bool)
-    new[1:] = (ranked[order][1:] != ranked[order][:-1]).any(axis=1)
-    group = np.empty(len(faces), np.int64)
-    group[order] = np.cumsum(new) - 1
+    ranked = ranked[order]
+    same = (ranked[1:] == ranked[:-1]).all(axis=1)
+    later, opposite = np.zeros(len(faces), bool), np.zeros(len(faces), bool)
+    later[order[1:]] = same
+    first = np.maximum.accumulate(np.where(np.append(True, ~same), np.arange(len(faces)), 0))
     least = faces.argmin(axis=1)
     rows = np.arange(len(faces))
-    turn = (faces[rows, (least + 1) % 3] > faces[rows, (least + 2) % 3]).astype(np.int64)
-    return group, turn
-
-
-def _restore(alive: Mask, extra: Mask, edge: Index, count: Index) -> None:
-    """Bring back the extras at edges that were even and would be odd, until there is no such edge."""
-    while True:
-        left = np.bincount(edge[alive].ravel(), minlength=len(count))
-        opened = (left % 2 == 1) & (count % 2 == 0)
-        back = extra & ~alive & opened[edge].any(axis=1)
-        if not back.any():
-            return
-        alive[back] = True
-
-
-def _opposite_pairs(group: Index, turn: Index, alive: Mask) -> Index:
-    """The second face of each pair that has exactly one living face in either direction."""
-    index = np.flatnonzero(alive)
-    ups, downs = (np.bincount(group[index[turn[index] == k]], minlength=group.max() + 1) for k in (0, 1))
-    paired = (ups == 1) & (downs == 1)
-    later = np.full(len(ups), -1)
-    np.maximum.at(later, group[index], index)
-    return later[paired]
+    rising = faces[rows, (least + 1) % 3] < faces[rows, (least + 2) % 3]
+    opposite[order] = rising[order] != rising[order[first]]
+    return later, opposite
