@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.topology import build_edges, face_components, vertex_normals
-from schemas.conventions import F4, I4, Array
+from schemas.conventions import F4, I4, Array, Frame
 from worker.bake import bake_maps, hull_normals
+from worker.downloads import hull_glb
 from worker.hull import build_hull
 from worker.tree import build_tree
 from worker.verify import verify_artifacts
@@ -16,7 +17,7 @@ HULL_FACES, TEXELS = 24, 64
 
 
 def warm_kernels() -> None:
-    """Run load's kernels, hull, bake, tree and verify once on a small ellipsoid."""
+    """Run load's kernels, hull, bake with its downloads, tree and verify once on a small ellipsoid."""
     positions, faces = ellipsoid()
     normals, edges = vertex_normals(positions, faces), build_edges(faces)
     face_components(faces, len(positions))
@@ -28,11 +29,14 @@ def warm_kernels() -> None:
         "texture": np.full((2, 2, 4), 255, np.uint8),
     }
     maps = bake_maps(hull.positions, hull.faces, across, positions, faces, normals, texture, TEXELS, _silent)
+    stored_hull = {"positions": hull.positions, "faces": hull.faces, "normals": across}
+    stored_maps = {"tile_uv": maps.tile_uv, "normal": maps.normal}
+    hull_glb(stored_hull, stored_maps, Frame((0.0, 0.0, 0.0), 1.0))
     tree = build_tree(positions, faces, edges.vertices, edges.faces, _silent)
     verify_artifacts(
         {"positions": positions, "faces": faces, "normals": normals, "edge_vertices": edges.vertices, "edge_faces": edges.faces},
-        {"positions": hull.positions, "faces": hull.faces, "normals": across},
-        {"tile_uv": maps.tile_uv, "normal": maps.normal},
+        stored_hull,
+        stored_maps,
         vars(tree),
         _silent,
     )
