@@ -14,8 +14,8 @@ from numba import njit
 
 from service.kernels.coverage import DOUBTFUL
 
-EXACT_PIECES = 12
-SLABS = 32
+EXACT_PIECES = 8
+SLABS = 20
 LONGEST_INSERTION = 48  # longer lists are sorted by argsort
 STEEPEST = 1e5  # dx / dy up to which x = a + b y is good to NEAR
 NEAR = 1e-9  # pixels
@@ -205,40 +205,38 @@ def covered_area(p, begin, end, total, left, top, scratch):
 
 
 @njit(cache=True, nogil=True)
-def gather(pieces, pixels, x0, y0, state, doubtful, number):
-    """(pieces (k, 4) f8 in order of the pixels, offsets (d + 1,)): the pieces of each doubtful pixel.
+def gather(pieces, pixels, x0, y0, state, doubtful, number, offsets, owner, own):
+    """Sort the pieces of doubtful pixels by pixel into own (n, 4) f8: pixel d has own[offsets[d]:offsets[d + 1]].
 
-    doubtful (d,): row * columns + column, relative to (x0, y0). number: scratch of the size of state.
+    doubtful (d,): row * columns + column, relative to (x0, y0). offsets (d + 2,) i4. Scratch: number, of the size of state;
+    owner (n,) i4. Returns the largest number of pieces of a pixel.
     """
     columns = state.shape[1]
-    offsets = np.zeros(doubtful.shape[0] + 1, np.int64)
+    offsets[:] = 0
     for d in range(doubtful.shape[0]):
         number[doubtful[d]] = d
-    owner = np.empty(pieces.shape[0], np.int32)
     for i in range(pieces.shape[0]):
         row, column = pixels[i, 0] - y0, pixels[i, 1] - x0
         owner[i] = -1
         if state[row, column] == DOUBTFUL and pieces[i, 0] >= pixels[i, 1]:
             owner[i] = number[row * columns + column]
-            offsets[owner[i] + 1] += 1
+            offsets[owner[i] + 2] += 1
+    most = 1
     for d in range(doubtful.shape[0]):
-        offsets[d + 1] += offsets[d]
-    cursor = offsets[:-1].copy()
-    out = np.empty((offsets[-1], 4))
+        most = max(most, offsets[d + 2])
+        offsets[d + 2] += offsets[d + 1]
+    # offsets[d + 1] is where the next piece of pixel d goes, and ends as where those of d + 1 begin
     for i in range(pieces.shape[0]):
         if owner[i] >= 0:
-            place = cursor[owner[i]]
-            out[place, 0], out[place, 1], out[place, 2], out[place, 3] = pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3]
-            cursor[owner[i]] += 1
-    return out, offsets
+            place = offsets[owner[i] + 1]
+            own[place, 0], own[place, 1], own[place, 2], own[place, 3] = pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3]
+            offsets[owner[i] + 1] += 1
+    return most
 
 
 @njit(cache=True, nogil=True)
-def resolve(pieces, offsets, doubtful, sums, columns, mask, x0, y0):
-    """Replace the mask of every doubtful pixel by its covered area. sums: flat, `columns` numbers a row."""
-    most = np.int64(1)
-    for d in range(doubtful.shape[0]):
-        most = max(most, offsets[d + 1] - offsets[d])
+def resolve(pieces, offsets, most, doubtful, sums, columns, mask, x0, y0):
+    """Replace the mask of every doubtful pixel by its covered area. sums: flat, `columns` numbers a row; the rest as `gather`."""
     few = min(most, EXACT_PIECES)
     scratch = np.empty((10, max(2 * most + 1, 2 + 2 * few + few * few)))
     for d in range(doubtful.shape[0]):

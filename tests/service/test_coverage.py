@@ -36,7 +36,7 @@ def test_mask_is_the_exact_area_of_positive_winding(polygons):
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=3, max_size=6))
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=3, max_size=4))
 def test_chains_within_one_pixel_are_exact(corners):
     segments = polygon(*corners)
     segments = np.concatenate([segments, segments[::-1, [2, 3, 0, 1]] * 0.5 + 0.25])
