@@ -29,14 +29,12 @@ def warm_kernels() -> None:
         "texture": np.full((2, 2, 4), 255, np.uint8),
     }
     maps = bake_maps(hull.positions, hull.faces, across, positions, faces, normals, texture, TEXELS, _silent)
-    stored_hull = {"positions": hull.positions, "faces": hull.faces, "normals": across}
-    stored_maps = {"tile_uv": maps.tile_uv, "normal": maps.normal}
-    hull_glb(stored_hull, stored_maps, Frame((0.0, 0.0, 0.0), 1.0))
+    hull_glb(hull, maps, Frame((0.0, 0.0, 0.0), 1.0))
     tree = build_tree(positions, faces, edges.vertices, edges.faces, _silent)
     verify_artifacts(
         {"positions": positions, "faces": faces, "normals": normals, "edge_vertices": edges.vertices, "edge_faces": edges.faces},
-        stored_hull,
-        stored_maps,
+        {"positions": hull.positions, "faces": hull.faces, "normals": across},
+        {"tile_uv": maps.tile_uv, "normal": maps.normal},
         vars(tree),
         _silent,
     )
