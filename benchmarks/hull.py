@@ -3,9 +3,9 @@
     python -m benchmarks.hull MESH --faces 500,1000 --out DIR [--json]
 
 MESH is a file, or `knot`: the generated torus knot of 185,856 faces. Kernels are warm. `seconds` is the median time of making
-the hull, the whole sequence included; `volume_excess` is relative to the original's volume; `enclosed` says that the winding
-number of the hull is at least 1 at every vertex of the original and at random points of its faces, or that the hull passes
-through them. DIR/hull_<faces_requested>.ply has the hull in the original's coordinates.
+the hull, the whole sequence included; `volume_excess` is relative to the original's volume; `enclosed` says that every vertex of
+the original that bounds interior, and random such points of its faces, have a winding number of at least 1 in the hull or are
+on its surface. DIR/hull_<faces_requested>.ply has the hull in the original's coordinates.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from client.shapes import torus_knot, write_ply
 from schemas.conventions import F4, I4, Frame
 from schemas.mesh import PreprocessOptions
-from tests.oracles_hull import points_outside, surface_points
+from tests.oracles_hull import surface_points, uncovered
 from worker.hull import Hull, build_hull
 from worker.load import LoadedMesh, load_mesh
 
@@ -71,7 +71,7 @@ def measure(mesh: LoadedMesh, max_faces: int, out: Path) -> dict[str, Any]:
         "faces": len(hull.faces),
         "seconds": round(seconds, 4),
         "volume_excess": hull.volume_excess,
-        "enclosed": not bool(points_outside(hull.positions, hull.faces, points).any()),
+        "enclosed": not bool(uncovered(mesh.positions, mesh.faces, hull.positions, hull.faces, points).any()),
     }
 
 

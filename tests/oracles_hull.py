@@ -10,6 +10,9 @@ from numba import njit
 TOUCHING = 1e-6
 """Normalised units: nearer to the hull's surface than this is on it (float32 positions, float64 tests)."""
 
+NEIGHBOURHOOD = 1e-5
+"""Normalised units within which a surface point's two sides are looked at."""
+
 
 @njit(cache=True)
 def winding_number(positions, faces, x, y, z):
@@ -84,6 +87,22 @@ def winding_numbers(positions: np.ndarray, faces: np.ndarray, points: np.ndarray
 def points_outside(hull_positions: np.ndarray, hull_faces: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(n,) bool: which of the (n, 3) points are neither inside the hull (winding number at least 1) nor on its surface."""
     return _outside(np.asarray(hull_positions, np.float64), np.asarray(hull_faces, np.int64), np.asarray(points, np.float64))
+
+
+def uncovered(
+    positions: np.ndarray, faces: np.ndarray, hull_positions: np.ndarray, hull_faces: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """(n,) bool: which of the (n, 3) points of the original's surface bound its interior and are outside the hull.
+
+    Interior is where the winding number is positive. A surface that crosses itself is turned inside out in places, with no
+    interior on either side: there nothing has to be enclosed. Looked for in a ball of `NEIGHBOURHOOD` about the point.
+    """
+    found = points_outside(hull_positions, hull_faces, points)
+    rng = np.random.default_rng(1)
+    for n in np.flatnonzero(found):
+        around = points[n] + rng.normal(size=(64, 3)) * NEIGHBOURHOOD
+        found[n] = winding_numbers(positions, faces, around).max() > 0.5
+    return found
 
 
 def surface_points(positions: np.ndarray, faces: np.ndarray, count: int, seed: int = 0) -> np.ndarray:

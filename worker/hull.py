@@ -22,6 +22,9 @@ from worker.kernels.collapse_replay import replay
 
 _PIECE = 20_000
 """Edges costed between two reports: about 0.05 s."""
+UNREACHED_EXCESS = 0.25
+"""Excess at which a hull stops when its face count cannot be reached (many handles or components): the last collapses before
+nothing moves any more make spikes several times the size of the original, for a count that is missed all the same."""
 _COSTING_PART = 0.05  # of the whole time goes into the first costs
 
 
@@ -31,7 +34,8 @@ class Hull:
 
     positions: (hv, 3) f4. faces: (hf, 3) i4, closed, oriented as the original. collapse_vertices: (c, 2) i4 and
     collapse_positions: (c, 3) f4, see `schemas.artifacts.HULL_SEQUENCE`. volume_excess: (volume of the hull - volume of the
-    original) / volume of the original, volumes counted with the winding number; infinite when the original has none.
+    original) / volume of the original, volumes counted with the winding number; infinite when something was gained on
+    an original without volume.
     """
 
     positions: F4
@@ -42,21 +46,32 @@ class Hull:
 
 
 def build_hull(positions: F4, faces: I4, max_faces: int, progress: Callable[[float], None]) -> Hull:
-    """Hull of at most max_faces faces, or with as few as can be reached, of a closed oriented 2-manifold.
+    """Hull of at most max_faces faces of a closed oriented 2-manifold.
+
+    Where topology (which is kept) does not let so few faces be reached, the hull has the fewest whose volume excess is at
+    most UNREACHED_EXCESS; `len(hull.faces)` says how many. The sequence goes on to the end of what is possible either way.
 
     positions: (v, 3) f4. faces: (f, 3) i4. progress is called with a fraction 0 ... 1 several times a second; what it raises
-    passes through. The sequence goes on as far as collapses are possible, so that any other hull can be cut from it.
+    passes through.
     Raises geometry.topology.NotManifoldError when the mesh is not closed and consistently oriented.
     """
     points, triangles = np.ascontiguousarray(positions, np.float32), np.ascontiguousarray(faces, np.int32)
     record = _collapse_all(points, triangles, progress)
     count = int(record.counters[COLLAPSES])
     vertices, places = record.vertices[:count].copy(), record.positions[:count].copy()
-    hull_positions, hull_faces = cut_hull(points, triangles, vertices, places, max_faces)
-    gained = float(record.volume[: (len(triangles) - len(hull_faces)) // 2].sum())
     volume = signed_volume(points, triangles)
-    excess = gained / volume if volume > 0.0 else float("inf")
-    return Hull(hull_positions, hull_faces, vertices, places, excess)
+    gained = np.concatenate([[0.0], np.cumsum(record.volume[:count])])
+    excess = gained / volume if volume > 0.0 else np.where(gained > 0.0, np.inf, 0.0)
+    steps = _steps_to(len(triangles), max_faces)
+    if steps > count:
+        steps = int(np.searchsorted(excess, UNREACHED_EXCESS, side="right")) - 1
+    hull_positions, hull_faces = cut_hull(points, triangles, vertices, places, len(triangles) - 2 * steps)
+    return Hull(hull_positions, hull_faces, vertices, places, float(excess[steps]))
+
+
+def _steps_to(face_count: int, max_faces: int) -> int:
+    """Collapses, of two faces each, from face_count to at most max_faces."""
+    return max(0, (face_count - max_faces + 1) // 2)
 
 
 def _collapse_all(points: F4, triangles: I4, progress: Callable[[float], None]) -> Progress:
@@ -80,7 +95,7 @@ def cut_hull(positions: F4, faces: I4, collapse_vertices: I4, collapse_positions
 
     Returns (positions (hv, 3) f4, faces (hf, 3) i4) without unused vertices; vertices and faces keep the original's order.
     """
-    steps = min(len(collapse_vertices), max(0, (len(faces) - max_faces + 1) // 2))
+    steps = min(len(collapse_vertices), _steps_to(len(faces), max_faces))
     moved = np.array(positions, np.float32)
     merged = replay(moved, np.asarray(collapse_vertices, np.int32), np.asarray(collapse_positions, np.float32), steps)
     kept = merged[np.asarray(faces, np.int32)]

@@ -39,7 +39,7 @@ HASTE = 0.5
 Measured against costing it at once: half the time, hulls as tight. Under its whole old cost: a third, but 3 % more excess.
 """
 
-CURSOR, COLLAPSES, MARK, WORK = 0, 1, 2, 3  # places in Progress.count
+CURSOR, COLLAPSES, MARK, WORK = 0, 1, 2, 3  # places in Progress.counters
 _ROUNDING_TRIES = (1.0, 4.0)  # rounding margins for a second and a third try
 
 
