@@ -4,6 +4,7 @@ import io
 import json
 import struct
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
@@ -204,6 +205,19 @@ def test_name_is_shown_without_its_folders(http, tmp_path):
 def test_same_upload_twice_is_one_mesh(http, client, knot, knot_file):
     again = http.post("/v1/meshes", params={"name": "other name.ply", **OPTIONS}, content=knot_file.read_bytes())
     assert (again.status_code, again.json()["id"], again.json()["name"]) == (200, knot.id, "small knot.ply")
+
+
+def test_same_upload_at_the_same_time_is_accepted_once(http, service, tmp_path):
+    body = ply(tmp_path, meshes.sphere(1, 8.0))
+
+    def post(_):
+        return httpx.post(f"{service.url}/v1/meshes", params={"name": "s.ply", **OPTIONS}, content=body, timeout=60.0)
+
+    with ThreadPoolExecutor(6) as pool:
+        answers = list(pool.map(post, range(6)))
+    assert sorted(answer.status_code for answer in answers) == [200] * 5 + [202]
+    assert len({answer.json()["id"] for answer in answers}) == 1
+    http.delete(answers[0].headers["location"])
 
 
 def test_other_options_are_another_mesh(http, knot, knot_file):
