@@ -74,3 +74,36 @@ def covered_by_rays(view, positions, faces, samples):
         depth = sum(s * c for s, c in zip(sides, corners[:, 3], strict=True))
         hit |= (sides[0] > 0) & (sides[1] > 0) & (sides[2] > 0) & (depth > 0)
     return hit.reshape(view.height, samples, view.width, samples).mean(axis=(1, 3))
+
+
+def supersampled(pixels, faces, width, height, samples):
+    """(h, w) f8: part of samples^2 points of each pixel that some face covers; pixels (v, 2) f8, nothing behind the eye.
+
+    Row by row of points: each face covers a span of them, which is a step up and a step down.
+    """
+    corners = pixels[faces] * samples - 0.5
+    first = np.maximum(np.ceil(corners[:, :, 1].min(axis=1)).astype(int), 0)
+    last = np.minimum(np.floor(corners[:, :, 1].max(axis=1)).astype(int), height * samples - 1)
+    count = np.maximum(last - first + 1, 0)
+    face = np.repeat(np.arange(len(faces)), count)
+    row = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first[face]
+    low, high = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    for k in range(3):
+        a, b = corners[face, k], corners[face, (k + 1) % 3]
+        crossed = (a[:, 1] <= row) != (b[:, 1] <= row)
+        a, b = a[crossed], b[crossed]
+        x = a[:, 0] + (row[crossed] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
+        low[crossed], high[crossed] = np.minimum(low[crossed], x), np.maximum(high[crossed], x)
+    some = low < high
+    begin, end = (np.clip(np.ceil(x[some]).astype(int), 0, width * samples) for x in (low, high))
+    order, across = np.argsort(row[some], kind="stable"), width * samples + 1
+    steps, begin, end = row[some][order], begin[order], end[order]
+    bounds = np.searchsorted(steps, np.arange(height + 1) * samples)
+    covered = np.empty((height, width))
+    for y in range(height):
+        here = slice(bounds[y], bounds[y + 1])
+        at = (steps[here] % samples) * across
+        change = np.bincount(at + begin[here], minlength=samples * across) - np.bincount(at + end[here], minlength=samples * across)
+        points = np.cumsum(change.reshape(samples, across), axis=1)[:, :-1] > 0
+        covered[y] = points.reshape(samples, width, samples).mean(axis=(0, 2))
+    return covered

@@ -2,6 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import trimesh
 
 from schemas.conventions import Frame
 from schemas.render import Camera, Orbit, OrbitCamera
@@ -9,7 +10,7 @@ from service.camera import project, resolve_camera, to_pixels
 from service.silhouette.coverage import coverage_mask
 from service.silhouette.project import pixel_matrix, project_edges, surrounding_layers
 from tests import meshes
-from tests.service.oracles import covered_by_rays, silhouette
+from tests.service.oracles import covered_by_rays, silhouette, supersampled
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 SAMPLES = 12
@@ -161,14 +162,31 @@ def test_pixel_matrix_agrees_with_projecting_and_dividing():
     assert np.allclose(homogeneous[:, :2] / homogeneous[:, 2:], to_pixels(view, project(view, positions)), atol=1e-9)
 
 
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", ["bunny_closed.ply"])
-def test_mask_of_a_real_mesh_in_several_sizes_is_one_picture(name):
-    """A smaller picture of the same view is the mean of the larger one."""
-    import trimesh
-
+def real(name):
     mesh = trimesh.load(meshes.shared(name), process=False)
-    positions, faces, frame = meshes.normalised((np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)))
+    return meshes.normalised((np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)))
+
+
+@pytest.mark.heavy
+def test_mask_of_a_real_mesh_is_the_original_supersampled():
+    """The bar of the `coverage` rung: 0.02 mean error in pixels of the edge, one in 10,000 of the others not exact."""
+    positions, faces, frame = real("bunny_closed.ply")
+    errors, wrong = [], []
+    for azimuth, elevation in ((30.0, 20.0), (145.0, -35.0), (260.0, 70.0)):
+        view = resolve_camera(OrbitCamera(orbit=Orbit(azimuth_deg=azimuth, elevation_deg=elevation)), frame, 512, 512)
+        mask = coverage_mask(project_edges(view, positions, silhouette(positions, faces, view.eye)), 512, 512).mask / 255.0
+        truth = supersampled(to_pixels(view, project(view, positions)), faces, 512, 512, 16)
+        edge = (truth > 0.0) & (truth < 1.0)
+        errors.append(np.abs(mask - truth)[edge].mean())
+        wrong.append((mask != truth)[~edge].mean())
+        assert np.abs(mask - truth).max() <= 0.06
+    assert np.mean(errors) <= 0.005
+    assert np.mean(wrong) <= 1e-4
+
+
+@pytest.mark.heavy
+def test_a_smaller_picture_of_a_real_mesh_is_the_mean_of_the_larger_one():
+    positions, faces, frame = real("bunny_closed.ply")
     masks = []
     for size in (512, 128, 32):
         view = resolve_camera(OrbitCamera(orbit=Orbit(azimuth_deg=40.0, elevation_deg=15.0)), frame, size, size)
