@@ -1,4 +1,5 @@
-"""The one place that makes a GL context: headless, through EGL, with the stencil functions that moderngl leaves out.
+"""The one place that makes a GL context: headless, through EGL, with the functions that moderngl leaves out (stencil) or
+calls while it holds the interpreter lock (drawing, waiting: on a software renderer the work is done inside those).
 
 A context belongs to the thread that makes it, and a process must not fork once it has one.
 """
@@ -28,10 +29,16 @@ _KEEP, _INCREMENT_WRAP, _DECREMENT_WRAP = 0x1E00, 0x8507, 0x8508
 _FRAMEBUFFER, _RENDERBUFFER = 0x8D40, 0x8D41
 _DEPTH24_STENCIL8, _DEPTH_STENCIL_ATTACHMENT = 0x88F0, 0x821A
 _FRAMEBUFFER_COMPLETE = 0x8CD5
+_UNSIGNED_INT = 0x1405
 
 _U, _I = ctypes.c_uint, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "glFlush": (None,),
+    "glFinish": (None,),
+    "glUseProgram": (None, _U),
+    "glBindVertexArray": (None, _U),
+    "glDrawArraysInstanced": (None, _U, _I, _I, _I),
+    "glDrawElementsInstanced": (None, _U, _I, _U, ctypes.c_void_p, _I),
     "glEnable": (None, _U),
     "glDisable": (None, _U),
     "glClear": (None, _U),
@@ -89,6 +96,20 @@ class GlContext:
     def flush(self) -> None:
         """Let the GL begin with what it was given, without waiting for it."""
         self._gl["glFlush"]()
+
+    def finish(self) -> None:
+        """Wait until the GL has done everything."""
+        self._gl["glFinish"]()
+
+    def draw(self, array: moderngl.VertexArray, mode: int = moderngl.TRIANGLES, *, vertices: int | None = None, instances: int = 1) -> None:
+        """What `array.render` does. A software renderer works inside these calls, and moderngl holds the interpreter lock there."""
+        count = array.vertices if vertices is None else vertices
+        self._gl["glUseProgram"](array.program.glo)
+        self._gl["glBindVertexArray"](array.glo)
+        if array.index_buffer is not None:
+            self._gl["glDrawElementsInstanced"](mode, count, _UNSIGNED_INT, None, instances)
+        else:
+            self._gl["glDrawArraysInstanced"](mode, 0, count, instances)
 
     def attach_depth_stencil(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
         """Give a framebuffer a depth and stencil buffer, 24 + 8 bits; the name to delete it by."""

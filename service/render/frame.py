@@ -69,7 +69,7 @@ class RenderedImage:
 
     passes: (name, milliseconds) in order; unless each was waited for, "read" waits for what the drawing passes began. plan: the
     names of the passes that ran. rung: source/antialias that was drawn.
-    error_px: how far the outline may be off, pixels, where that is known.
+    error_px: how far the outline may be off the original's, pixels; None where that is not known.
     """
 
     pixels: U1
@@ -100,7 +100,7 @@ def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, wait_eac
             if step.each_tile:
                 _run(step, frame, times, wait_each)
     gpu.gl.check()
-    return RenderedImage(frame.image, tuple(times.items()), tuple(times), plan.rung, None)
+    return RenderedImage(frame.image, tuple(times.items()), tuple(times), plan.rung, plan.error_px)
 
 
 def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
@@ -117,7 +117,7 @@ def _run(step: Pass, frame: FrameState, times: dict[str, float], wait: bool) -> 
     start = time.perf_counter()
     step.make(frame)
     if wait and step.draws:
-        frame.gpu.ctx.finish()
+        frame.gpu.gl.finish()
     times[step.name] = times.get(step.name, 0.0) + (time.perf_counter() - start) * 1e3
 
 

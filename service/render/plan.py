@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,16 @@ CERTAIN = 1e-6
 SAMPLE_GRID: dict[Antialias, int] = {Antialias.MSAA: 2, Antialias.SSAA: 4}
 """Samples a pixel has along each side, where it is not one."""
 
+OUTLINE_ERROR_PX: dict[Antialias, float] = {
+    Antialias.NONE: math.sqrt(0.5),
+    Antialias.LINE: math.sqrt(0.5),
+    Antialias.COVERAGE: 0.5 / 255.0,
+    Antialias.MSAA: math.sqrt(0.3125 / 2.0),
+    Antialias.SSAA: math.sqrt(0.5) / 4.0,
+}
+"""How far from the outline, pixels, a point can be and yet count as on its other side: the longest way to a sample (one in the
+middle of the pixel; four on a square lattice of side sqrt(0.3125); a grid of 4 x 4), or the rounding of an area to a byte."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -54,6 +65,11 @@ class Plan:
     def rung(self) -> str:
         """Its name for people: source/antialias."""
         return f"{self.source.value}/{self.antialias.value}"
+
+    @property
+    def error_px(self) -> float:
+        """How far the outline may be off, pixels."""
+        return OUTLINE_ERROR_PX[self.antialias]
 
     @property
     def sample_grid(self) -> int:

@@ -13,4 +13,4 @@ def fill_interior(frame: FrameState) -> None:
     frame.use_target(color=False, alpha=True, depth=False)
     gpu.ctx.enable_only(moderngl.NOTHING)
     gpu.gl.keep_positive_windings()
-    gpu.screen(gpu.programs.get("screen", "opaque")).render(moderngl.TRIANGLES, vertices=3)
+    gpu.gl.draw(gpu.screen(gpu.programs.get("screen", "opaque")), vertices=3)

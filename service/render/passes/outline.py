@@ -27,5 +27,5 @@ def draw_outline(frame: FrameState) -> None:
     program = gpu.programs.get("outline", "outline")
     gpu.programs.set(program, origin=(float(tile.x), float(tile.y)), pixel=frame.pixel())
     lines = gpu.streamed(program, frame.segments.astype(np.float32), "4f/i", ["in_segment"])
-    lines.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(frame.segments))
+    gpu.gl.draw(lines, moderngl.TRIANGLE_STRIP, vertices=4, instances=len(frame.segments))
     gpu.ctx.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD

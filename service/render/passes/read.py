@@ -10,6 +10,7 @@ def read_pixels(frame: FrameState) -> None:
     if frame.target is None:
         return
     width, height = frame.tile.width, frame.tile.height
+    frame.gpu.gl.finish()
     buffer = frame.gpu.pixel_buffer(4 * width * height)
     frame.target.framebuffer.read_into(buffer, viewport=(0, 0, width, height), components=4)
     frame.drawn = buffer.reshape(height, width, 4)

@@ -25,7 +25,7 @@ def resolve_samples(frame: FrameState) -> None:
     framebuffer.use()
     gpu.ctx.enable_only(moderngl.NOTHING)
     gpu.gl.ignore_windings()
-    gpu.screen(program).render(moderngl.TRIANGLES, vertices=3)
+    gpu.gl.draw(gpu.screen(program), vertices=3)
 
 
 def _definitions(frame: FrameState, sampled: Target) -> frozenset[str]:

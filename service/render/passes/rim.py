@@ -37,7 +37,7 @@ def draw_rim(frame: FrameState) -> None:
     first, first_names = attributes(fields, "a_", used)
     last, last_names = attributes(fields, "b_", used)
     edges = gpu.streamed(program, ends, f"{first} {last}/i", first_names + last_names)
-    edges.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(ends))
+    gpu.gl.draw(edges, moderngl.TRIANGLE_STRIP, vertices=4, instances=len(ends))
 
 
 def _ends(frame: FrameState, surface: Surface) -> Array:

@@ -23,4 +23,4 @@ def count_windings(frame: FrameState) -> None:
         program = gpu.programs.get("loops", "opaque")
         gpu.programs.set(program, clip_from_object=frame.clip_from_object())
         corners = frame.asset.positions[frame.contours.vertices]
-        gpu.streamed(program, corners, "3f", ["in_position"], frame.triangles).render()
+        gpu.gl.draw(gpu.streamed(program, corners, "3f", ["in_position"], frame.triangles))

@@ -26,7 +26,7 @@ def draw_surface(frame: FrameState) -> None:
         gpu.gl.ignore_windings()
     gpu.ctx.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if plan.closed else moderngl.NOTHING))
     gpu.ctx.front_face = "cw"  # rows run downwards in the target
-    surface.array(gpu.ctx, program).render()
+    gpu.gl.draw(surface.array(gpu.ctx, program))
 
 
 def surface_of(frame: FrameState) -> Surface:

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 import ctypes
+import threading
+import time
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 from schemas.errors import CapabilityError, InvalidRequestError
 from service.render import frame as frames
@@ -287,6 +290,41 @@ def test_cache_of_the_gl_keeps_within_its_bytes(draw, gpu):
         for rung in ("clipped", "original"):
             draw(clippable(name), rung, "none", (32, 32))
             assert gpu.cache.nbytes <= 64 << 20
+
+
+def test_outline_is_no_farther_off_than_the_picture_says(draw):
+    camera, side, fine = VIEWS["orbit"], 64, 8
+    binary = alpha(draw("knot", "original", "none", (side * fine, side * fine), camera=camera)) > 0.5
+    for rung in ALL_RUNGS:
+        image = draw("knot", *rung, (side, side), camera=camera)
+        reach = int(np.ceil(image.error_px * fine)) + 1
+        for inside, empty in ((binary, False), (~binary, True)):
+            safe = eroded(inside, reach + fine)  # all of the pixel, and what its samples can mistake, is on one side
+            whole = safe.reshape(side, fine, side, fine).any(axis=(1, 3))
+            assert (image.pixels[:, :, 3][whole] == (0 if empty else 255)).all(), rung
+
+
+def eroded(mask, steps):
+    return binary_erosion(mask, np.ones((3, 3), bool), iterations=steps, border_value=1)
+
+
+def test_others_run_while_a_picture_is_drawn(draw):
+    ticks, done = [], threading.Event()
+
+    def tick():
+        while not done.wait(0.001):
+            ticks.append(time.perf_counter())
+
+    draw("bumpy", "original", "ssaa", (64, 64))
+    ticker = threading.Thread(target=tick)
+    ticker.start()
+    start = time.perf_counter()
+    draw("bumpy", "original", "ssaa", (1400, 1400))
+    seconds = time.perf_counter() - start
+    done.set()
+    ticker.join()
+    longest = max(np.diff([start, *ticks, start + seconds]))
+    assert longest < 0.5 * seconds
 
 
 def test_waiting_for_each_pass_changes_nothing_but_the_times(gpu):
