@@ -13,6 +13,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import uvicorn
+from fastapi import FastAPI
 from pydantic import ValidationError
 
 from backend.logs import configure_logs
@@ -37,9 +39,11 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _interrupt)
     if while_stdin:
         threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
+    from service import app  # now, while the workers do not yet compete for the processors with imports of their own
+
     try:
         with _listening(settings) as listener, _backend(settings) as connected:
-            return _serve(connected, listener)
+            return _serve(app.create_app(connected), listener)
     except StartupError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -90,12 +94,7 @@ def _backend(settings: ServiceSettings) -> Iterator[ServiceSettings]:
         backend.stop()
 
 
-def _serve(settings: ServiceSettings, listener: socket.socket) -> int:
-    import uvicorn
-
-    from service.app import create_app
-
-    app = create_app(settings)
+def _serve(app: FastAPI, listener: socket.socket) -> int:
     config = uvicorn.Config(
         app,
         log_config=None,

@@ -19,7 +19,7 @@ FILES = {
     "icon.svg": "image/svg+xml",
 }
 POLICY = (
-    "default-src 'self'; img-src 'self' blob:; style-src 'self' 'unsafe-inline'; object-src 'none'; base-uri 'none'; frame-ancestors 'self'"
+    "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'self'"
 )
 
 
