@@ -18,9 +18,7 @@ FILES = {
     "app.js": "text/javascript",
     "icon.svg": "image/svg+xml",
 }
-POLICY = (
-    "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'self'"
-)
+POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'self'"
 
 
 @router.get("/")
