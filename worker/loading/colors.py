@@ -101,9 +101,6 @@ def _as_bytes(values: Array, linear: bool) -> U1:
 
 def _images(pieces: list[Piece]) -> tuple[list[Any], list[int | None], int]:
     """(decoded pictures, the picture of each piece, how many cannot be read)."""
-    from PIL import Image
-
-    Image.MAX_IMAGE_PIXELS = MAX_PIXELS
     known: dict[tuple[int, bool], int | None] = {}
     decoded: list[Any] = []
     use: list[int | None] = []
@@ -125,6 +122,8 @@ def _images(pieces: list[Piece]) -> tuple[list[Any], list[int | None], int]:
 
 def _decode(image: Any, opaque: bool, decoded: list[Any]) -> int | None:
     """Append the picture as RGBA and return its number; None where it cannot be read."""
+    if image.width * image.height > MAX_PIXELS:
+        return None
     try:
         picture = image.convert("RGBA")
     except MemoryError:

@@ -89,8 +89,8 @@ def _read_ply(raw: dict[str, Any], header: ply.Header) -> dict[str, Any]:
     """The reader turns a file of triangle strips into points; the strips are decoded here."""
     if raw.get("faces") is None and "tristrips" in header.elements:
         data = raw["metadata"]["_ply_raw"]["tristrips"]["data"]
-        rows = data["vertex_indices"] if "vertex_indices" in (data.dtype.names or ()) else data
-        rows = rows["f1"] if getattr(rows, "dtype", None) is not None and rows.dtype.names else rows
+        rows = data["vertex_indices"]
+        rows = rows["f1"] if rows.dtype.names else np.atleast_2d(rows) if rows.dtype != object else rows
         raw["faces"] = np.concatenate([_strip_faces(np.asarray(row, np.int64).ravel()) for row in rows])
     elif raw.get("faces") is not None and len(raw["faces"]) < header.elements["face"].count:
         short = header.elements["face"].count - len(raw["faces"])
@@ -134,7 +134,7 @@ def _piece(raw: dict[str, Any], matrix: F8, limits: LoadLimits) -> Piece:
     vertices = np.asarray(raw["vertices"], np.float64).reshape(-1, 3)
     if faces is None or not len(faces):
         return Piece(vertices, np.zeros((0, 3), np.int64), raw)
-    faces = np.asarray(faces).astype(np.int64).reshape(-1, 3)
+    faces, raw = _triangles(np.asarray(faces).astype(np.int64), raw)
     _cap(len(vertices), "vertices", limits.max_vertices)
     _cap(len(faces), "faces", limits.max_faces)
     bad = np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))
@@ -154,6 +154,17 @@ def _piece(raw: dict[str, Any], matrix: F8, limits: LoadLimits) -> Piece:
         raise rejected("non-finite-vertices", f"Vertex {wrong[0]} has a coordinate that is not finite.", vertex=int(wrong[0]))
     vertices = np.where(used[:, None], vertices, 0.0) if not np.isfinite(vertices).all() else vertices
     return Piece(vertices, faces, raw)
+
+
+def _triangles(faces: I8, raw: dict[str, Any]) -> tuple[I8, dict[str, Any]]:
+    """Polygons of equally many corners (f, k) cut into fans, each triangle with its polygon's colour."""
+    corners = faces.shape[1] if faces.ndim == 2 else 3
+    if corners == 3:
+        return faces.reshape(-1, 3), raw
+    fans = np.stack([faces[:, [0, k, k + 1]] for k in range(1, corners - 1)], axis=1).reshape(-1, 3)
+    if raw.get("face_colors") is not None:
+        raw = raw | {"face_colors": np.repeat(raw["face_colors"], corners - 2, axis=0)}
+    return fans, raw
 
 
 def _cap(count: int, what: str, limit: int) -> None:
