@@ -67,6 +67,7 @@ class GpuCache:
 
     def __init__(self, ctx: moderngl.Context, capacity_mib: int) -> None:
         self._ctx, self._capacity = ctx, capacity_mib << 20
+        self._largest_texture = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
         self._kept: OrderedDict[tuple[str, Source, bool], Surface] = OrderedDict()
 
     def __len__(self) -> int:
@@ -119,6 +120,8 @@ class GpuCache:
         )
 
     def _texture(self, image: Array, *, srgb: bool, repeat: bool) -> moderngl.Texture:
+        step = -(-max(image.shape[:2]) // self._largest_texture)  # every step-th texel of one that the GL cannot hold
+        image = image[::step, ::step]
         height, width, channels = image.shape
         data = np.ascontiguousarray(image).tobytes()
         if srgb:
