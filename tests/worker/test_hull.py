@@ -199,6 +199,33 @@ def test_zero_area_faces_of_the_original_break_nothing():
     assert_every_collapse_moves_outwards(positions, faces, hull)
 
 
+def degenerate_meshes():
+    v, f = sphere(2)
+    heap = v.copy()
+    heap[:80] = heap[0]
+    cylinder = trimesh.creation.cylinder(1.0, 2.0, sections=700)
+    return {
+        "back to back": (np.array([[0, 0, 0], [1, 0, 0], [0, 1.0, 0]]), np.array([[0, 1, 2], [0, 2, 1]])),
+        "flat": (v * (1, 1, 0), f),
+        "nearly flat": (v * (1, 1, 1e-7), f),
+        "nearly a line": (v * (1, 1e-6, 1e-6), f),
+        "a line": (v * (1, 0, 0), f),
+        "many vertices in one place": (heap, f),
+        "on a coarse grid": (np.round(v * 3) / 3, f),
+        "fans of 700 slivers": (np.asarray(cylinder.vertices), np.asarray(cylinder.faces)),
+    }
+
+
+@pytest.mark.parametrize("name", degenerate_meshes())
+def test_degenerate_meshes_collapse_outwards_or_not_at_all(name):
+    v, f = degenerate_meshes()[name]
+    positions, faces, hull = hull_of((v, f.astype(np.int32)), 4)
+    if len(faces) < 1000:
+        assert_every_collapse_moves_outwards(positions, faces, hull)
+    else:
+        assert_sound(positions, faces, hull, 40)
+
+
 def test_vertices_where_two_sheets_touch_are_left_alone():
     a, b = sphere(2), sphere(2, 1.0, (2.0, 0, 0))
     v, f = joined(a, b)

@@ -250,7 +250,8 @@ def well_shaped(mesh, place, count, count_a):
         h = fan[k]
         i, j, m = corner[h], corner[following(h)], corner[preceding(h)]
         double_area = math.sqrt(place.area[k, 0] ** 2 + place.area[k, 1] ** 2 + place.area[k, 2] ** 2)
-        limit = min(limit, 0.5 * double_area / (_longest(positions, i, j, m) * scale * scale))
+        longest = _longest(positions, i, j, m) * scale * scale
+        limit = min(limit, 0.5 * double_area / longest if longest > 0.0 else 0.0)
         if k == 0 or k == count_a - 1:
             continue
         ux, uy, uz = positions[j, 0] - point[0], positions[j, 1] - point[1], positions[j, 2] - point[2]
