@@ -10,6 +10,8 @@ of the test here, of the eye included, stays below CONE_ERROR (|p| + |anchor|) |
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -25,6 +27,7 @@ from service.kernels.tree_walk_lanes import (
     edge_sides,
     face_sides,
     missed_cones,
+    prefetch,
 )
 
 CONE_ERROR = 2.0**-19
@@ -33,19 +36,46 @@ AT, FACE_LANE, EDGE_LANE, FACE_BLOCKS, EDGE_BLOCKS, EDGES, MORE = range(7)
 LEAF_COLUMNS = 8  # half a cache line
 """Columns of a leaf record: first float, first face lane, first edge lane, blocks of each, edges, whether the next leaf is
 of the same node."""
+LINE = 16  # floats in a cache line
 _BYTE = np.uint64(0xFF)
 _BITS = SET_BITS.ravel()
 
 
-@njit(cache=True, nogil=True)
-def visit_nodes(nodes, below, parents, guards, next_block, used, eye, w_back, margin, queue, leaf_queue):
-    """Fill leaf_queue with twice the lanes whose cone was missed and that have edges; returns (their number, cones tested).
+class Packed(NamedTuple):
+    """A forest packed for the walk: b node blocks, l leaves, LANES lanes a block."""
 
-    nodes (b * NODE_ROWS * LANES,) f4; below (b * LANES,) i4; parents, guards (b,) u1: bits of the lanes that have a block
-    below, or edges; next_block, used (b,) i4; eye (4,) f4. queue and leaf_queue (b * LANES,) i4 are scratch and keep LANES
-    spare entries.
+    nodes: np.ndarray  # (b * NODE_ROWS * LANES,) f4
+    below: np.ndarray  # (b * LANES,) i4 node block with the children, -1: none
+    parents: np.ndarray  # (b,) u1 bits of the lanes that have a block below
+    guards: np.ndarray  # (b,) u1 bits of the lanes that have edges
+    next_block: np.ndarray  # (b,) i4 where the siblings run on, -1: nowhere
+    used: np.ndarray  # (b,) i4 lanes in use
+    first_leaf: np.ndarray  # (b * LANES,) i4, -1: no edges
+    leaves: np.ndarray  # f4 face blocks, then edge blocks, of every leaf
+    record: np.ndarray  # (l, LEAF_COLUMNS) i4
+    lane_face: np.ndarray  # (face lanes,) i4
+    lane_vertices: np.ndarray  # (edge lanes, 2) i4
+
+
+class Queues(NamedTuple):
+    """Scratch of one walk at a time."""
+
+    nodes: np.ndarray  # (b * LANES + LANES,) i4
+    leaves: np.ndarray  # (b * LANES + LANES,) i4
+    chosen: np.ndarray  # (edge lanes + LANES,) i4
+    turned: np.ndarray  # (edge blocks,) u1
+
+
+@njit(cache=True, nogil=True)
+def visit_nodes(packed, queues, x, y, z, w, w_back, margin):
+    """Fill queues.leaves with twice the lanes whose cone was missed and that have edges; returns (their number, cones tested).
+
+    (x, y, z, w) f4 the eye; w_back and margin as in `missed_cones`.
     """
-    x, y, z, w = eye[0], eye[1], eye[2], eye[3]
+    nodes, below, parents, guards, next_block, used = (
+        packed.nodes, packed.below, packed.parents, packed.guards, packed.next_block, packed.used,
+    )  # fmt: skip
+    queue, leaf_queue = queues.nodes, queues.leaves
     head, tail, found, tested = 0, 0, 0, 0
     block = np.intp(0)
     while True:
@@ -79,17 +109,18 @@ def _settle(front, doubtful, lane, lane_face, positions, faces, eye):
 
 
 @njit(cache=True, nogil=True)
-def visit_leaves(leaves, record, first_leaf, lane_face, positions, faces, eye, eye4, bound, leaf_queue, found, chosen, turned):
-    """Fill chosen with twice the edge lanes on the silhouette; returns (their number, edges tested).
+def visit_leaves(packed, queues, found, positions, faces, eye, x, y, z, w, bound):
+    """Fill queues.chosen with twice the edge lanes on the silhouette; returns (their number, edges tested).
 
-    leaf_queue[:found] as `visit_nodes` left it; first_leaf (b * LANES,) i4. leaves (k,) f4: face blocks, then edge blocks of
-    every leaf; record (l, LEAF_COLUMNS) i4; lane_face i4; eye (4,) f8 exact, eye4 (4,) f4 for the planes. chosen i4 keeps
-    LANES spare entries. turned (edge blocks,) u1 receives, for the blocks visited, the edges whose right face is front.
+    queues.leaves[:found] as `visit_nodes` left it. eye (4,) f8 exact, (x, y, z, w) f4 for the planes, bound: of their error.
+    queues.turned receives, for the edge blocks visited, the edges whose right face is front.
     """
-    x, y, z, w = eye4[0], eye4[1], eye4[2], eye4[3]
+    leaves, record, first_leaf, lane_face = packed.leaves, packed.record, packed.first_leaf, packed.lane_face
+    leaf_queue, chosen, turned = queues.leaves, queues.chosen, queues.turned
     count, tested = 0, 0
     for i in range(found):
         leaf = np.intp(first_leaf[leaf_queue[i] >> 1])
+        coming = np.intp(record[first_leaf[leaf_queue[min(i + 2, found - 1)] >> 1], AT])
         while leaf >= 0:
             at, lane = np.intp(record[leaf, AT]), record[leaf, EDGE_LANE]
             front, doubtful = np.uint64(0), np.uint64(0)
@@ -97,7 +128,10 @@ def visit_leaves(leaves, record, first_leaf, lane_face, positions, faces, eye, e
                 word = face_sides(leaves, at, x, y, z, w, bound)
                 front |= (word & _BYTE) << np.uint64(LANES * k)
                 doubtful |= (word >> np.uint64(LANES)) << np.uint64(LANES * k)
+                prefetch(leaves, coming)
+                prefetch(leaves, coming + LINE)
                 at += FACE_ROWS * LANES
+                coming += FACE_ROWS * LANES
             if doubtful:
                 front = _settle(front, doubtful, record[leaf, FACE_LANE], lane_face, positions, faces, eye)
             for _ in range(record[leaf, EDGE_BLOCKS]):
@@ -123,3 +157,20 @@ def collect(chosen, count, turned, lane_vertices):
         start = (np.uint32(turned[lane >> np.uint32(3)]) >> (lane & np.uint32(7))) & np.uint32(1)
         out[k, 0], out[k, 1] = lane_vertices[lane, start], lane_vertices[lane, np.uint32(1) - start]
     return out
+
+
+@njit(cache=True, nogil=True)
+def walk(
+    nodes, below, parents, guards, next_block, used, first_leaf, leaves, record, lane_face, lane_vertices,
+    node_queue, leaf_queue, chosen, turned, positions, faces, eye, x, y, z, w_back, margin, bound,
+):  # fmt: skip
+    """(edges (s, 2) i4, edges tested, cones tested) for the exact eye (4,) f8; (x, y, z): the eye for float32.
+
+    The arrays are those of Packed and Queues, one by one: handing tuples of arrays to compiled code costs microseconds.
+    """
+    packed = Packed(nodes, below, parents, guards, next_block, used, first_leaf, leaves, record, lane_face, lane_vertices)
+    queues = Queues(node_queue, leaf_queue, chosen, turned)
+    x, y, z, w = np.float32(x), np.float32(y), np.float32(z), np.float32(eye[3])
+    found, cones = visit_nodes(packed, queues, x, y, z, w, np.float32(w_back), np.float32(margin))
+    count, edges = visit_leaves(packed, queues, found, positions, faces, eye, x, y, z, w, np.float32(bound))
+    return collect(chosen, count, turned, lane_vertices), edges, cones

@@ -6,25 +6,28 @@ eye; how the walk departs from the paper is said in `service.kernels.tree_walk` 
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from geometry.silhouettes import PLANE_ERROR, face_planes, silhouette_scalar
-from schemas.conventions import F4, F8, I4, U1, Array
+from schemas.conventions import F4, F8, I4, Array
 from schemas.errors import CorruptArtifactError
 from service.kernels import tree_walk, tree_walk_coarsen, tree_walk_pack
 from service.kernels.tree_walk_lanes import LANES, NODE_ROWS
 
 _FARTHEST_EYE = 1e14
 """Normalised units: beyond, squares of scaled normals times the eye could overflow float32; such eyes are brute force."""
+_WALK: Callable[..., tuple[I4, int, int]] = tree_walk.walk
 _CONES = ("scaled_normal", "front_anchor", "back_anchor", "separation")
 T = TypeVar("T", bound=np.generic)
-_AT_INFINITY = np.float32(1e-30)
+_SHORTEST_DIRECTION = 1e-100
+_AT_INFINITY = 1e-30  # stands for the fourth coordinate where a separation counts: 3e38 still keeps every eye out
+_SQRT_3 = 1.7320508075688774
 
 
 class Extraction(NamedTuple):
@@ -35,31 +38,17 @@ class Extraction(NamedTuple):
     tested_nodes: int
 
 
-@dataclass(frozen=True)
-class _Packed:
-    """Blocks of the walk; see the kernels for every array."""
-
-    nodes: F4
-    below: I4
-    parents: U1
-    guards: U1
-    next_block: I4
-    used: I4
-    first_leaf: I4
-    leaves: F4
-    record: I4
-    lane_face: I4
-    lane_vertices: I4
-
-
 class _Scratch(threading.local):
     """Queues of one thread, so that calls allocate nothing but their result and threads do not meet."""
 
     def __init__(self, node_blocks: int, edge_lanes: int) -> None:
-        self.queue = np.empty((node_blocks + 1) * LANES, np.int32)
-        self.leaf_queue = np.empty((node_blocks + 1) * LANES, np.int32)
-        self.chosen = np.empty(edge_lanes + LANES, np.int32)
-        self.turned = np.empty(edge_lanes // LANES, np.uint8)
+        lanes = (node_blocks + 1) * LANES
+        self.queues = tree_walk.Queues(
+            nodes=np.empty(lanes, np.int32),
+            leaves=np.empty(lanes, np.int32),
+            chosen=np.empty(edge_lanes + LANES, np.int32),
+            turned=np.empty(edge_lanes // LANES, np.uint8),
+        )
 
 
 class SilhouetteTree:
@@ -88,30 +77,27 @@ class SilhouetteTree:
         Raises ValueError when the eye is not finite or its last coordinate is neither 1 nor 0.
         """
         eye = np.ascontiguousarray(eye, np.float64)
-        if eye.shape != (4,) or not np.isfinite(eye).all() or eye[3] not in (0.0, 1.0):
+        if eye.shape != (4,):
+            raise ValueError("an eye is four numbers")
+        x, y, z, w = eye.tolist()
+        length = math.hypot(x, y, z)
+        if not math.isfinite(x + y + z + w) or w not in (0.0, 1.0):
             raise ValueError("an eye is four finite numbers, the last one 1 or 0")
-        length = float(np.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2]))
-        at_infinity = eye[3] == 0.0
-        if not length < _FARTHEST_EYE or (at_infinity and length < 1e-100):
+        if not length < _FARTHEST_EYE or (w == 0.0 and length < _SHORTEST_DIRECTION):
             edges = silhouette_scalar(self.positions, self.faces, self.edge_vertices, self.edge_faces, eye)
             return Extraction(edges, len(self.edge_vertices), 0)
-        if at_infinity:
-            eye4 = (eye / length).astype(np.float32)
-            return self._walk(eye, eye4, 1.0, _AT_INFINITY)
-        return self._walk(eye, eye.astype(np.float32), length, np.float32(1.0))
+        if w == 0.0:
+            return self._walk(eye, x / length, y / length, z / length, 1.0)
+        return self._walk(eye, x, y, z, length)
 
-    def _walk(self, eye: F8, eye4: F4, length: float, w_back: np.float32) -> Extraction:
-        p, scratch, w = self._packed, self._scratch, float(eye[3])
-        margin = np.float32(tree_walk.CONE_ERROR * (length + w * self._farthest_anchor))
-        found, nodes = tree_walk.visit_nodes(
-            p.nodes, p.below, p.parents, p.guards, p.next_block, p.used, eye4, w_back, margin, scratch.queue, scratch.leaf_queue
-        )
-        bound = np.float32(PLANE_ERROR * (1.7320508075688774 * length + w * self._farthest_plane) + 1e-30)
-        count, edges = tree_walk.visit_leaves(
-            p.leaves, p.record, p.first_leaf, p.lane_face, self.positions, self.faces, eye, eye4, bound,
-            scratch.leaf_queue, found, scratch.chosen, scratch.turned,
-        )  # fmt: skip
-        return Extraction(tree_walk.collect(scratch.chosen, count, scratch.turned, p.lane_vertices), edges, nodes)
+    def _walk(self, eye: F8, x: float, y: float, z: float, length: float) -> Extraction:
+        """(x, y, z): the eye, or its unit direction; length: the length of that."""
+        w = float(eye[3])
+        margin = tree_walk.CONE_ERROR * (length + w * self._farthest_anchor)
+        bound = PLANE_ERROR * (_SQRT_3 * length + w * self._farthest_plane) + 1e-30
+        w_back = w or _AT_INFINITY
+        found = _WALK(*self._packed, *self._scratch.queues, self.positions, self.faces, eye, x, y, z, w_back, margin, bound)
+        return Extraction(*found)
 
 
 def _check(mesh: Mapping[str, Array], tree: Mapping[str, Array]) -> None:
@@ -154,7 +140,7 @@ def _frozen(values: Array, kind: type[T]) -> npt.NDArray[T]:
     return view
 
 
-def _pack(tree: Mapping[str, Array], edge_vertices: I4, edge_faces: I4, planes: tuple[F4, F4, F4, F4]) -> _Packed:
+def _pack(tree: Mapping[str, Array], edge_vertices: I4, edge_faces: I4, planes: tuple[F4, F4, F4, F4]) -> tree_walk.Packed:
     skip, start, index = (_ints(tree[name]) for name in ("skip", "edge_start", "edge_index"))
     scaled, front, back, separation = (_floats(tree[name]) for name in _CONES)
     parent = tree_walk_coarsen.parents_of(skip)
@@ -170,7 +156,7 @@ def _pack(tree: Mapping[str, Array], edge_vertices: I4, edge_faces: I4, planes: 
     tree_walk_pack.pack_nodes(item, scaled, front, back, separation, nodes)
 
     first_leaf, record, leaves, lane_face, lane_vertices = _pack_leaves(item, start, index, edge_vertices, edge_faces, planes)
-    return _Packed(
+    return tree_walk.Packed(
         nodes=nodes.ravel(),
         below=below.ravel(),
         parents=np.packbits(below >= 0, axis=1, bitorder="little").ravel(),
