@@ -72,7 +72,7 @@ def build(parsed: Parsed, options: PreprocessOptions, progress: Progress = _sile
     surface = drop_no_faces(surface, repairs)
     if options.repair == "auto":
         surface = repair(surface, repairs, lambda part: progress(0.5 + 0.4 * part))
-        if not len(surface.faces):
+        if repairs["kept_zero_area_faces"] == len(surface.faces):
             raise rejected("no-faces", "No face of the mesh has any area.")
     surface, _ = surface.compact()
     edges, clip = edges_and_clip(surface)

@@ -43,8 +43,6 @@ def collinear(positions, faces):
             for axis in range(3):
                 p[k, axis] = positions[faces[f, k], axis]
         flat[f] = (
-            _minor_is_zero(p[0], p[1], p[2], 0, 1)
-            and _minor_is_zero(p[0], p[1], p[2], 1, 2)
-            and _minor_is_zero(p[0], p[1], p[2], 2, 0)
+            _minor_is_zero(p[0], p[1], p[2], 0, 1) and _minor_is_zero(p[0], p[1], p[2], 1, 2) and _minor_is_zero(p[0], p[1], p[2], 2, 0)
         )
     return flat

@@ -43,7 +43,7 @@ def remove_needles(surface: Surface) -> tuple[Surface, Needles]:
         edges = half_edges(surface.faces)
         longest = _longest_half_edge(surface, np.flatnonzero(flat))
         lone = edges.counts[edges.edge[longest]] == 1
-        if (lone.any() and not lone.all()) or (lone.any() and len(flat) > lone.sum()):
+        if 0 < lone.sum() < len(flat):
             gone = np.zeros(len(flat), bool)
             gone[longest[lone] // 3] = True
             dropped += int(gone.sum())

@@ -20,8 +20,8 @@ from worker.kernels.load_union import directions
 from worker.loading.manifold import MOST_FACES
 from worker.loading.surface import HalfEdges, Index, Mask, Surface, half_edges
 
-MAX_CAVITY_WORK = 2_000_000_000
-"""Face tests spent on telling cavities from bodies; beyond it, every component is turned outward."""
+MAX_CAVITY_WORK = 200_000_000
+"""Faces looked at to tell cavities from bodies, some seconds; beyond it, every component is turned outward."""
 FLAT = 1e-12
 """Signed volume by (area times extent) below which a component is flat and has no outside."""
 

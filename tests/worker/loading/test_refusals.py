@@ -291,6 +291,12 @@ def test_faces_without_three_different_corners_are_no_faces(tmp_path):
     assert caught.value.code == "no-faces"
 
 
+def test_faces_without_area_are_no_faces(tmp_path):
+    with pytest.raises(MeshRejectedError) as caught:
+        loaded(tmp_path, b"v 0 0 0\nv 1 1 1\nv 3 3 3\nf 1 2 3\n", "obj")
+    assert caught.value.code == "no-faces"
+
+
 @pytest.mark.parametrize(
     ("name", "expected"),
     [("empty.stl", "no-faces"), ("points_emptyface.ply", "no-faces"), ("not_a_zip.3mf", "not-a-mesh")],
