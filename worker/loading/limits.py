@@ -14,10 +14,7 @@ PR_SET_PDEATHSIG = 1
 
 @dataclass(frozen=True)
 class LoadLimits:
-    """Limits of the child that parses an upload, and of what it may hand back.
-
-    The defaults fit 20 million faces in a format that is parsed in Python (OBJ) into 4 GiB.
-    """
+    """Limits of the child that parses an upload, and of what it may hand back."""
 
     memory_mib: int = 4096
     cpu_s: int = 120
