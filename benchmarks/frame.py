@@ -62,7 +62,10 @@ def prepare(path: Path, options: PreprocessOptions) -> MeshAsset:
     edges = mesh.edges
     hull = build_hull(mesh.positions, mesh.faces, options.hull_faces, silent)
     normals = hull_normals(hull.positions, hull.faces)
-    maps = bake_maps(hull.positions, hull.faces, normals, mesh.positions, mesh.faces, mesh.normals, mesh.appearance, options.texels, silent)
+    shading = mesh.shading.tensors()
+    original = (mesh.positions, mesh.faces, mesh.shading.normals, mesh.appearance)
+    rows = shading.get("corner_normals")
+    maps = bake_maps(hull.positions, hull.faces, normals, *original, options.texels, silent, corner_normals=rows)
     tree = build_tree(mesh.positions, mesh.faces, edges.vertices, edges.faces, silent)
     tensors = {"positions": mesh.positions, "faces": mesh.faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
     return MeshAsset(
@@ -70,13 +73,15 @@ def prepare(path: Path, options: PreprocessOptions) -> MeshAsset:
         frame=mesh.frame,
         positions=mesh.positions,
         faces=mesh.faces,
-        normals=mesh.normals,
+        normals=mesh.shading.normals,
         appearance=mesh.appearance,
         edges=(edges.vertices, edges.faces),
         hull={"positions": hull.positions, "faces": hull.faces, "normals": normals},
         maps={"tile_uv": maps.tile_uv, "normal": maps.normal} | ({} if maps.color is None else {"color": maps.color}),
         tree=SilhouetteTree(tensors, tree.tensors()),
         clip=mesh.clip,
+        normal_vertices=shading.get("normal_vertices"),
+        corner_normals=rows,
     )
 
 

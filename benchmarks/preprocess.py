@@ -57,7 +57,7 @@ def load(at: Workplace) -> Values:
     if loaded.edges is None:
         raise SystemExit(f"this mesh has no hull: {loaded.clip.reason}")
     edges = {"edge_vertices": loaded.edges.vertices, "edge_faces": loaded.edges.faces}
-    at.put("mesh", {"positions": loaded.positions, "faces": loaded.faces, "normals": loaded.normals, **edges})
+    at.put("mesh", {"positions": loaded.positions, "faces": loaded.faces, **loaded.shading.tensors(), **edges})
     at.put("appearance", loaded.appearance or {})
     return {"faces": len(loaded.faces)}
 
@@ -77,7 +77,8 @@ def bake(at: Workplace) -> Values:
 
     mesh, coarse = at.get("mesh"), at.get("hull")
     original = (mesh["positions"], mesh["faces"], mesh["normals"])
-    maps = bake_maps(coarse["positions"], coarse["faces"], coarse["normals"], *original, at.get("appearance"), at.texels, silent)
+    hull = (coarse["positions"], coarse["faces"], coarse["normals"])
+    maps = bake_maps(*hull, *original, at.get("appearance"), at.texels, silent, corner_normals=mesh.get("corner_normals"))
     color = {} if maps.color is None else {"color": maps.color}
     at.put("maps", {"tile_uv": maps.tile_uv, "normal": maps.normal, **color})
     return {"texels": maps.texel_count, "missed_texels": maps.missed}

@@ -27,13 +27,17 @@ MESH = Layout(
     {
         "positions": ("<f4", ("v", 3)),
         "faces": ("<i4", ("f", 3)),
-        "normals": ("<f4", ("v", 3)),  # unit, outward, angle-weighted
+        # Unit, outward, angle-weighted, one for each smooth group of a vertex's faces: row i belongs to normal_vertices[i], and
+        # corner_normals are the rows of each face's corners. Without these two, row i is vertex i's and faces name the rows.
+        "normals": ("<f4", ("n", 3)),
+        "normal_vertices": ("<i4", ("n",)),
+        "corner_normals": ("<i4", ("f", 3)),
         # directed edge from edge_vertices[:, 0] to [:, 1]; left face has it in its own order, right face reversed.
         # Present when the mesh is a closed oriented 2-manifold.
         "edge_vertices": ("<i4", ("e", 2)),
         "edge_faces": ("<i4", ("e", 2)),
     },
-    optional=frozenset({"edge_vertices", "edge_faces"}),
+    optional=frozenset({"normal_vertices", "corner_normals", "edge_vertices", "edge_faces"}),
 )
 
 APPEARANCE = Layout(

@@ -29,9 +29,10 @@ CLIP = "clip"
 class MeshAsset:
     """A mesh that is ready, in its normalised frame. The dictionaries hold the tensors of `schemas.artifacts` by name.
 
-    positions (v, 3) f4, faces (f, 3) i4, normals (v, 3) f4. appearance: APPEARANCE, or None when the mesh has no colour.
+    positions (v, 3) f4, faces (f, 3) i4, normals (n, 3) f4. appearance: APPEARANCE, or None when the mesh has no colour.
     edges: (edge_vertices, edge_faces) of a closed oriented mesh. hull: HULL, maps: MAPS, tree: its silhouette tree; all None
     when the mesh is not clippable. clip: whether it is, and why not.
+    normal_vertices (n,) i4, corner_normals (f, 3) i4: as in MESH; None when vertex i has the one normal i.
     """
 
     id: str
@@ -45,6 +46,18 @@ class MeshAsset:
     maps: dict[str, Any] | None
     tree: SilhouetteTree | None
     clip: Capability
+    normal_vertices: I4 | None = None
+    corner_normals: I4 | None = None
+
+    @property
+    def normal_positions(self) -> F4:
+        """(n, 3) f4: where each normal is."""
+        return self.positions if self.normal_vertices is None else self.positions[self.normal_vertices]
+
+    @property
+    def shading_faces(self) -> I4:
+        """(f, 3) i4: rows of `normals` and `normal_positions` at the corners of the faces."""
+        return self.faces if self.corner_normals is None else self.corner_normals
 
     @property
     def clippable(self) -> bool:
@@ -102,7 +115,9 @@ class MeshAsset:
     def nbytes(self) -> int:
         """Bytes of all arrays."""
         groups = (self.appearance or {}, self.hull or {}, self.maps or {})
-        arrays = [self.positions, self.faces, self.normals, *(self.edges or ()), *(a for group in groups for a in group.values())]
+        given = (self.normal_vertices, self.corner_normals, *(self.edges or ()))
+        arrays = [self.positions, self.faces, self.normals, *(a for group in groups for a in group.values())]
+        arrays += [a for a in given if a is not None]
         return sum(int(a.nbytes) for a in arrays)
 
 
@@ -132,6 +147,8 @@ def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
         maps=tensors(artifacts.MAPS),
         tree=None if tree is None or edges is None else SilhouetteTree(mesh, tree),
         clip=manifest.capabilities.get(CLIP, Capability(available=False, reason="the mesh was not prepared for clipping")),
+        normal_vertices=mesh.get("normal_vertices"),
+        corner_normals=mesh.get("corner_normals"),
     )
 
 

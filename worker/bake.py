@@ -259,11 +259,14 @@ def bake_maps(  # noqa: PLR0913, PLR0917 - two meshes of three arrays each
     appearance: dict[str, Array] | None,
     texels: int,
     progress: Callable[[float], None],
+    *,
+    corner_normals: I4 | None = None,
 ) -> Maps:
     """Sample the original's normals and colours over the hull by shooting along the hull's interpolated normals.
 
     hull_positions, hull_normals (hv, 3) f4, hull_faces (hf, 3) i4: closed, enclosing, normals as by `hull_normals`.
-    positions, normals (v, 3) f4, faces (f, 3) i4: the original in the same frame, facing outwards. appearance: tensors of
+    positions (v, 3) f4, faces (f, 3) i4: the original in the same frame, facing outwards. normals (n, 3) f4, corner_normals
+    (f, 3) i4: its normals and their rows at the corners of faces; without these, n = v and row i is vertex i's. appearance: tensors of
     `artifacts.APPEARANCE`. texels: longest side of the maps, exceeded only where a hull of many faces leaves less than the
     smallest tile for each. progress is called with 0..1 often; what it raises goes through.
     """
@@ -273,6 +276,7 @@ def bake_maps(  # noqa: PLR0913, PLR0917 - two meshes of three arrays each
     colors = _Colors(appearance or {})
     normal = np.full((layout.height, layout.width, 3), (128, 128, 255), np.uint8)
     color = np.zeros((layout.height, layout.width, 4), np.uint8) if colors.any else None
+    rows = faces if corner_normals is None else corner_normals
     progress(0.0)
     shooter = _Shooter((hull_positions, hull_faces), (positions, faces))
     per_tile = int(bake_tiles.texels_per_tile(layout.side))
@@ -282,7 +286,7 @@ def bake_maps(  # noqa: PLR0913, PLR0917 - two meshes of three arrays each
         place = (layout.side, layout.columns, first, last)
         rays = bake_tiles.tile_rays(hull_positions, hull_faces, hull_normals, across, turns, layout.side, first, last)
         face, weights = shooter.find(*rays)
-        found = bake_tiles.sampled_normals(positions, faces, normals, face, weights)
+        found = bake_tiles.sampled_normals(positions, faces, normals, rows, face, weights)
         bake_tiles.place_texels(_encode_normals(bake_tiles.with_padding(found, layout.side)), normal, *place)
         if color is not None:
             found = colors.sample(face, weights)

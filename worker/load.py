@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.topology import EdgeTable, face_components, vertex_normals
+from geometry.shading import ShadingNormals, shading_normals
+from geometry.topology import EdgeTable, face_components
 from schemas.conventions import F4, I4, Array, Frame
 from schemas.mesh import Capability, MeshStats, PreprocessOptions
 from worker.loading.faults import rejected
@@ -28,15 +29,15 @@ Progress = Callable[[float], None]
 class LoadedMesh:
     """A mesh ready for the later stages.
 
-    positions (v, 3) f4 normalised; faces (f, 3) i4; normals (v, 3) f4 unit; edges: the edge table, or None where the mesh is
-    not closed and oriented; appearance: the tensors of artifacts.APPEARANCE, or None where the file has no colour; repairs:
-    what loading changed, as plain JSON.
+    positions (v, 3) f4 normalised; faces (f, 3) i4; shading: its normals, two or more at the vertices of creases; edges: the
+    edge table, or None where the mesh is not closed and oriented; appearance: the tensors of artifacts.APPEARANCE, or None
+    where the file has no colour; repairs: what loading changed, as plain JSON.
     """
 
     frame: Frame
     positions: F4
     faces: I4
-    normals: F4
+    shading: ShadingNormals
     edges: EdgeTable | None
     appearance: dict[str, Array] | None
     stats: MeshStats
@@ -78,10 +79,10 @@ def build(parsed: Parsed, options: PreprocessOptions, progress: Progress = _sile
     edges, clip = edges_and_clip(surface)
     progress(0.95)
     faces = np.ascontiguousarray(surface.faces, np.int32)
-    normals = vertex_normals(surface.positions, faces)
+    shading = shading_normals(surface.positions, faces)
     stats = _stats(frame, surface, edges)
     progress(1.0)
-    return LoadedMesh(frame, surface.positions, faces, normals, edges, _appearance(parsed, surface.corners), stats, clip, repairs)
+    return LoadedMesh(frame, surface.positions, faces, shading, edges, _appearance(parsed, surface.corners), stats, clip, repairs)
 
 
 def _framed(parsed: Parsed, repairs: dict[str, Any]) -> tuple[Frame, Surface]:

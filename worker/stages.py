@@ -123,7 +123,7 @@ def load(inputs: Inputs) -> Result:
     """The upload, cleaned and indexed."""
     accepted = inputs.accepted
     mesh = load_mesh(inputs.upload(), accepted.extension, accepted.options, progress=inputs.progress)
-    tensors: Tensors = {"positions": mesh.positions, "faces": mesh.faces, "normals": mesh.normals}
+    tensors: Tensors = {"positions": mesh.positions, "faces": mesh.faces, **mesh.shading.tensors()}
     if mesh.edges is not None:
         tensors |= {"edge_vertices": mesh.edges.vertices, "edge_faces": mesh.edges.faces}
     kept = [(artifacts.MESH, tensors)]
@@ -165,6 +165,7 @@ def bake(inputs: Inputs) -> Result:
         inputs.tensors_if_any(artifacts.APPEARANCE),
         inputs.accepted.options.texels,
         inputs.progress,
+        corner_normals=mesh.get("corner_normals"),
     )
     tensors: Tensors = {"tile_uv": maps.tile_uv, "normal": maps.normal}
     if maps.color is not None:

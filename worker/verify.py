@@ -92,8 +92,17 @@ def _check_surface(surface: Tensors, artifact: str) -> None:
     _none(~(np.abs(length - 1.0) <= UNIT_SLACK), artifact, "normals", "a vertex normal is not of unit length", "vertex")
 
 
+def _check_shading(mesh: Tensors) -> None:
+    """Every corner of a face has a normal that belongs to the corner's vertex."""
+    rows, count = mesh.get("corner_normals", mesh["faces"]), len(mesh["normals"])
+    _none(((rows < 0) | (rows >= count)).any(axis=1), "mesh", "shading", "a corner has a normal that is not there", "face")
+    vertices = mesh.get("normal_vertices", np.arange(count, dtype=np.int32))
+    _none((vertices[rows] != mesh["faces"]).any(axis=1), "mesh", "shading", "a corner has the normal of another vertex", "face")
+
+
 def _check_mesh(mesh: Tensors) -> None:
     _check_surface(mesh, "mesh")
+    _check_shading(mesh)
     radius = np.linalg.norm(mesh["positions"].astype(np.float64), axis=1)
     _none(radius > 1.0 + FRAME_SLACK, "mesh", "frame", "a vertex lies outside the unit sphere of the normalised frame", "vertex")
 

@@ -99,12 +99,12 @@ class GpuCache:
         if unindexed:
             rows = corner_rows(asset, source, np.arange(3 * face_count(asset, source), dtype=np.int32), colored=colored)
         else:
-            rows = vertex_rows(asset, np.arange(len(asset.positions), dtype=np.int32))
+            rows = normal_rows(asset)
         names = set(rows.dtype.names or ())
         definitions = {name.upper() for name in names & {"normal", "uv", "color"}} | {name.upper() for name in images}
         if "normal_map" in images:
             definitions.discard("NORMAL")
-        indices = None if unindexed else np.ascontiguousarray(asset.faces, "<i4")
+        indices = None if unindexed else np.ascontiguousarray(asset.shading_faces, "<i4")
         edge_ends = None
         if source is Source.CLIPPED and asset.hull is not None:
             table = asset.hull_edges
@@ -170,9 +170,9 @@ def fields_of(dtype: np.dtype) -> Fields:
     return fields
 
 
-def vertex_rows(asset: MeshAsset, vertices: I4) -> Array:
-    """(...) structured rows of the original's vertices with these numbers."""
-    return _rows({"position": asset.positions[vertices], "normal": asset.normals[vertices]})
+def normal_rows(asset: MeshAsset) -> Array:
+    """(n,) structured rows of the original's normals and where they are; `shading_faces` name them."""
+    return _rows({"position": asset.normal_positions, "normal": asset.normals})
 
 
 def corner_rows(asset: MeshAsset, source: Source, corners: I4, *, colored: bool) -> Array:
@@ -185,7 +185,7 @@ def corner_rows(asset: MeshAsset, source: Source, corners: I4, *, colored: bool)
             return _rows(columns | {"uv": maps["tile_uv"].reshape(-1, 2)[corners]})
         return _rows(columns | {"normal": hull["normals"][vertices]})
     vertices = asset.faces.reshape(-1)[corners]
-    columns = {"position": asset.positions[vertices], "normal": asset.normals[vertices]}
+    columns = {"position": asset.positions[vertices], "normal": asset.normals[asset.shading_faces.reshape(-1)[corners]]}
     appearance: Mapping[str, Any] = asset.appearance or {}
     if colored and "corner_color" in appearance:
         columns["color"] = appearance["corner_color"].reshape(-1, 4)[corners]

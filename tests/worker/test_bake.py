@@ -8,6 +8,7 @@ import trimesh
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from geometry.shading import shading_normals
 from geometry.topology import build_edges, face_normals, vertex_normals
 from schemas.errors import CancelledError
 from tests.meshes import bumpy_sphere, cube, eyes, joined, normalised, shared, sphere, torus
@@ -31,6 +32,18 @@ def bake(hull, mesh, appearance=None, texels=256, normals=None):
     positions, faces = mesh
     normals = vertex_normals(positions, faces) if normals is None else normals
     return bake_maps(*hull, positions, faces, normals, appearance, texels, quiet)
+
+
+def test_creases_of_the_original_stay_sharp_in_the_map():
+    positions, faces, _ = normalised(cube(4))
+    shading = shading_normals(positions, faces)
+    hull = convex_hull(positions, 1.1)
+    maps = bake_maps(*hull, positions, faces, shading.normals, None, 256, quiet, corner_normals=shading.corner_normals)
+    face = np.repeat(np.arange(len(hull[1])), 50)
+    found = decoded(maps, face, weights_inside(len(face)))
+    across = face_normals(hull[0], hull[1])[face]
+    flat = np.einsum("ni,ni->n", found, across) > np.cos(np.radians(1.0))
+    assert flat.mean() > 0.95  # the rest lies where the rays of one side of the hull meet another side of the cube
 
 
 def weights_inside(count, seed=0):
@@ -305,7 +318,9 @@ def test_the_bunny_looks_as_its_original():
     assert maps.missed < 0.01 * maps.texel_count
     angles = []
     for eye in eyes(0, orthographic=4):
-        original = seen_normals(positions, faces, eye[:3], 200, lambda f, w: bake_tiles.sampled_normals(positions, faces, normals, f, w))
+        original = seen_normals(
+            positions, faces, eye[:3], 200, lambda f, w: bake_tiles.sampled_normals(positions, faces, normals, faces, f, w)
+        )
         mapped = seen_normals(built.positions, built.faces, eye[:3], 200, lambda f, w: decoded(maps, f, w))
         both = (original != 0).any(axis=1) & (mapped != 0).any(axis=1)
         angles.append(degrees_between(mapped[both], original[both]))

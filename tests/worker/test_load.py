@@ -22,11 +22,11 @@ def volume(result: LoadedMesh) -> float:
 
 def check(result: LoadedMesh) -> None:
     """What every loaded mesh promises."""
-    assert result.positions.dtype == np.float32 and result.faces.dtype == np.int32 and result.normals.dtype == np.float32
+    assert result.positions.dtype == np.float32 and result.faces.dtype == np.int32 and result.shading.normals.dtype == np.float32
     assert result.positions.flags.c_contiguous and result.faces.flags.c_contiguous
     assert np.isfinite(result.positions).all() and np.linalg.norm(result.positions.astype(float), axis=1).max() <= 1.0 + 1e-6
     assert result.faces.min() >= 0 and np.unique(result.faces).size == len(result.positions) == result.stats.vertices
-    assert np.abs(np.linalg.norm(result.normals, axis=1) - 1).max() < 1e-5
+    assert np.abs(np.linalg.norm(result.shading.normals, axis=1) - 1).max() < 1e-5
     assert len(result.faces) == result.stats.faces > 0
     assert (result.edges is not None) == result.stats.closed and (result.stats.closed or not result.clip.available)
     assert result.clip.available == (result.clip.reason is None)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.topology import build_edges, vertex_normals
+from geometry.shading import shading_normals
+from geometry.topology import build_edges
 from schemas.errors import CancelledError, CorruptArtifactError
 from tests.meshes import bumpy_sphere, cube, joined, knot, normalised, shared, sphere, torus
 from worker.bake import bake_maps, hull_normals
@@ -23,13 +24,15 @@ def quiet(_):
 def artifacts(mesh, hull_faces=120, texels=128):
     """(mesh, hull, maps, tree) tensors as the stages make them."""
     positions, faces, _ = normalised(mesh)
-    edges, normals = build_edges(faces), vertex_normals(positions, faces)
+    edges, shading = build_edges(faces), shading_normals(positions, faces)
     hull = build_hull(positions, faces, hull_faces, quiet)
     outward = hull_normals(hull.positions, hull.faces)
     appearance = {"corner_color": np.full((len(faces), 3, 4), 99, np.uint8)}
-    maps = bake_maps(hull.positions, hull.faces, outward, positions, faces, normals, appearance, texels, quiet)
+    original = (positions, faces, shading.normals, appearance)
+    rows = shading.tensors().get("corner_normals")
+    maps = bake_maps(hull.positions, hull.faces, outward, *original, texels, quiet, corner_normals=rows)
     return (
-        {"positions": positions, "faces": faces, "normals": normals, "edge_vertices": edges.vertices, "edge_faces": edges.faces},
+        {"positions": positions, "faces": faces, **shading.tensors(), "edge_vertices": edges.vertices, "edge_faces": edges.faces},
         {"positions": hull.positions, "faces": hull.faces, "normals": outward},
         {"tile_uv": maps.tile_uv, "normal": maps.normal, "color": maps.color},
         build_tree(positions, faces, edges.vertices, edges.faces, quiet).tensors(),
@@ -95,6 +98,19 @@ def test_a_face_with_a_vertex_that_is_not_there_is_named(parts):
 def test_a_mesh_outside_its_frame_is_named(parts):
     parts[0]["positions"] *= np.float32(1.1)
     refused(parts, "mesh", "frame")
+
+
+def test_a_corner_with_the_normal_of_another_vertex_is_named():
+    parts = artifacts(cube(3))
+    rows = parts[0]["corner_normals"]
+    rows[4, 1] = rows[5, 0] if parts[0]["faces"][5, 0] != parts[0]["faces"][4, 1] else rows[5, 2]
+    assert refused(parts, "mesh", "shading").where["face"] == 4
+
+
+def test_a_corner_with_a_normal_that_is_not_there_is_named():
+    parts = artifacts(cube(3))
+    parts[0]["corner_normals"][7, 2] = len(parts[0]["normals"])
+    assert refused(parts, "mesh", "shading").where["face"] == 7
 
 
 def test_a_normal_that_is_not_of_unit_length_is_named(parts):

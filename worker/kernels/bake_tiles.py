@@ -120,14 +120,16 @@ def ray_hits(positions, faces, origins, directions, found, weights, distance):
 
 
 @njit(cache=True)
-def sampled_normals(positions, faces, normals, found, weights):
-    """(n, 3) f8 unit: the interpolated vertex normals of the original; the face's own normal where they cancel."""
+def sampled_normals(positions, faces, normals, rows, found, weights):
+    """(n, 3) f8 unit: the original's normals, rows[f] at face f's corners, interpolated; the face's own where they cancel."""
     out = np.empty((found.shape[0], 3))
     for n in range(found.shape[0]):
         f = found[n]
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         for k in range(3):
-            out[n, k] = weights[n, 0] * normals[a, k] + weights[n, 1] * normals[b, k] + weights[n, 2] * normals[c, k]
+            out[n, k] = 0.0
+            for corner in range(3):
+                out[n, k] += weights[n, corner] * normals[rows[f, corner], k]
         length = math.sqrt(out[n, 0] ** 2 + out[n, 1] ** 2 + out[n, 2] ** 2)
         if length < 1e-6:
             for k in range(3):

@@ -12,7 +12,7 @@ import moderngl
 from geometry.predicates import front_facing
 from schemas.conventions import Array
 from schemas.render import Antialias, Source
-from service.render.gpu_cache import Surface, attributes, corner_rows, edge_corners, fields_of, vertex_rows
+from service.render.gpu_cache import Surface, attributes, corner_rows, edge_corners, fields_of
 from service.render.passes.surface import shaded_program, surface_of
 from service.render.state import FrameState
 
@@ -47,7 +47,5 @@ def _ends(frame: FrameState, surface: Surface) -> Array:
         front = front_facing(asset.hull["positions"], asset.hull["faces"], frame.view.eye)
         beside = front[asset.hull_edges.faces]
         return surface.edge_ends[beside[:, 0] != beside[:, 1]]
-    if colored:
-        corners = edge_corners(asset.faces, frame.edges, asset.left_faces(frame.edges))
-        return corner_rows(asset, Source.ORIGINAL, corners, colored=True)
-    return vertex_rows(asset, frame.edges)
+    corners = edge_corners(asset.faces, frame.edges, asset.left_faces(frame.edges))
+    return corner_rows(asset, Source.ORIGINAL, corners, colored=colored)
