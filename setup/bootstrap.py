@@ -3,8 +3,7 @@
     python3 setup/bootstrap.py [--dev]
 
 Makes `.venv/`, installs the locked packages (and the project itself, editable), installs the system's EGL and Mesa
-libraries through apt when they are missing, and compiles the kernels once so that the first request finds them warm. Does
-nothing twice: what is already there is left alone. Standard library only.
+libraries through apt when they are missing. Does nothing twice: what is already there is left alone. Standard library only.
 """
 
 from __future__ import annotations
@@ -21,6 +20,8 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 STAMP = VENV / ".installed"
+KERNEL_STAMP = VENV / ".kernels"
+KERNELS = ("geometry", "worker", "service", "tests")
 
 GL_LIBRARIES = {
     "libEGL.so.1": "libegl1",
@@ -115,6 +116,18 @@ def install_packages(lock: str) -> None:
     STAMP.write_text(state)
 
 
+def forget_stale_kernels() -> None:
+    """Remove compiled kernels when any source has changed: numba's cache does not see changes in the functions they call."""
+    sources = sorted(path for folder in KERNELS for path in (ROOT / folder).rglob("*.py"))
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    if KERNEL_STAMP.exists() and KERNEL_STAMP.read_text() == digest:
+        return
+    for folder in KERNELS:
+        for compiled in (ROOT / folder).rglob("__pycache__/*.nb[ic]"):
+            compiled.unlink(missing_ok=True)
+    KERNEL_STAMP.write_text(digest)
+
+
 def main() -> None:
     """Do every step that is not done yet."""
     if sys.version_info < (3, 11):  # noqa: UP036 - run by whatever Python is there
@@ -123,6 +136,7 @@ def main() -> None:
     install_gl()
     make_environment()
     install_packages(lock)
+    forget_stale_kernels()
 
 
 if __name__ == "__main__":
