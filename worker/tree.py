@@ -69,10 +69,10 @@ def build_tree(positions: F4, faces: I4, edge_vertices: I4, edge_faces: I4, prog
 
     positions (v, 3) f4 in the normalised frame, faces (f, 3) i4, edge_vertices and edge_faces (e, 2) i4 as in
     `geometry.topology.EdgeTable`. `progress` gets values from 0 to 1 several times a second; what it raises ends the build.
-    Raises ValueError when positions are not finite.
+    Raises ValueError when positions are not finite, or so far from the unit sphere that the cones' margins would not hold.
     """
-    if not np.all(np.isfinite(positions)):
-        raise ValueError("a tree needs finite positions")
+    if not np.all(np.abs(positions) <= cones.FARTHEST_ANCHOR):
+        raise ValueError("a tree needs finite positions in the normalised frame")
     positions, faces = _frozen(positions, np.float32), _frozen(faces, np.int32)
     edge_vertices, edge_faces = _frozen(edge_vertices, np.int32), _frozen(edge_faces, np.int32)
     normals, offsets = np.empty((len(faces), 3)), np.empty(len(faces))

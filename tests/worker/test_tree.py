@@ -189,9 +189,10 @@ def test_what_progress_raises_ends_the_build(after):
         built(SHAPES["bumpy sphere"], cancel)
 
 
-def test_positions_that_are_not_finite_are_refused():
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e3])
+def test_positions_outside_the_normalised_frame_are_refused(wrong):
     positions, faces, _ = meshes.normalised(meshes.cube())
-    positions[0, 0] = np.nan
+    positions[0, 0] = wrong
     edges = build_edges(faces)
     with pytest.raises(ValueError, match="finite"):
         build_tree(positions, faces, edges.vertices, edges.faces, quiet)
