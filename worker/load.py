@@ -19,7 +19,7 @@ from worker.loading.parse import Parsed
 from worker.loading.repair import drop_no_faces, edges_and_clip, repair
 from worker.loading.sandbox import parse_limited
 from worker.loading.sniff import normal_extension
-from worker.loading.surface import Surface, half_edges
+from worker.loading.surface import Surface
 from worker.loading.weld import weld
 
 Progress = Callable[[float], None]
@@ -117,7 +117,7 @@ def _appearance(parsed: Parsed, corners: Array) -> dict[str, Array] | None:
 
 
 def _stats(frame: Frame, surface: Surface, edges: EdgeTable | None) -> MeshStats:
-    table = half_edges(surface.faces)
+    table = surface.edges
     _, components = face_components(surface.faces.astype(np.int32), len(surface.positions))
     model = frame.to_model(surface.positions)
     return MeshStats(

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from schemas.conventions import F8
-from worker.loading.surface import Index, Surface, half_edges
+from worker.loading.surface import Index, Surface
 
 MOST = 4096
 """Such edges in a mesh beyond which it is left as it is."""
@@ -106,7 +106,7 @@ def _turned(h: int, k: int) -> int:
 
 def part_double_edges(surface: Surface, mates: Index) -> tuple[Surface, Index, int, int]:
     """(surface, mates, faces halved, faces of fins taken out): one round over the edges of more than two paired faces."""
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     double = np.flatnonzero((edges.counts > 2) & (edges.balances == 0))
     if len(double) > MOST:
         return surface, mates, 0, 0

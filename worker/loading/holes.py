@@ -15,7 +15,7 @@ import numpy as np
 from geometry.topology import face_components
 from schemas.conventions import F8
 from worker.kernels.load_fill import triangulate_loop
-from worker.loading.surface import Index, Surface, half_edges
+from worker.loading.surface import Index, Surface
 
 MAX_LOOP = 0.75
 MAX_AREA = 0.10
@@ -35,7 +35,7 @@ class Closed:
 
 def close_holes(surface: Surface) -> tuple[Surface, Closed]:
     """The mesh with every hole closed, or the same mesh when it has none or cannot be closed as a whole."""
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     open_edges = np.flatnonzero(edges.balances != 0)
     if not 0 < len(open_edges) <= MAX_RIM_EDGES or (edges.counts[open_edges] != 1).any():
         return surface, Closed()
@@ -50,7 +50,7 @@ def close_holes(surface: Surface) -> tuple[Surface, Closed]:
         return surface, Closed()
     faces, corners = (np.concatenate(x) for x in list(zip(*patches, strict=True))[:2])
     closed = surface.extended(faces, corners)
-    if half_edges(closed.faces).balances.any():
+    if closed.edges.balances.any():
         return surface, Closed()
     return closed, Closed(len(loops), len(rims), len(faces))
 

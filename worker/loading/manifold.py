@@ -44,7 +44,7 @@ def split_manifold(surface: Surface) -> tuple[Surface, Split]:
 
     Edges of more than MOST_FACES faces stay as they are.
     """
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     counts = edges.counts
     joined = np.zeros(len(counts), bool)
     best: tuple[int, Surface, Index] | None = None

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from worker.kernels.load_collinear import collinear
-from worker.loading.surface import HalfEdges, Index, Mask, Surface, half_edges
+from worker.loading.surface import HalfEdges, Index, Mask, Surface
 
 MAX_ROUNDS = 64
 
@@ -40,7 +40,7 @@ def remove_needles(surface: Surface) -> tuple[Surface, Needles]:
     for _ in range(MAX_ROUNDS):
         if not flat.any():
             break
-        edges = half_edges(surface.faces)
+        edges = surface.edges
         longest = _longest_half_edge(surface, np.flatnonzero(flat))
         lone = edges.counts[edges.edge[longest]] == 1
         if 0 < lone.sum() < len(flat):

@@ -18,7 +18,7 @@ from worker.kernels.load_around_edge import neighbours_around
 from worker.kernels.load_inside import winding_number
 from worker.kernels.load_union import directions
 from worker.loading.manifold import MOST_FACES
-from worker.loading.surface import HalfEdges, Index, Mask, Surface, half_edges
+from worker.loading.surface import HalfEdges, Index, Mask, Surface
 
 MAX_CAVITY_WORK = 200_000_000
 """Faces looked at to tell cavities from bodies, some seconds; beyond it, every component is turned outward."""
@@ -42,7 +42,7 @@ def make_consistent(surface: Surface) -> tuple[Surface, Consistency]:
     Edges of an even number of faces that do not balance after that join their patches so that going round the edge, faces
     begin and end a solid in turn.
     """
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     two = np.flatnonzero(edges.counts == 2)
     pairs = np.column_stack([edges.order[edges.start[two]], edges.order[edges.start[two] + 1]])
     turn, bad = _turns(pairs, len(pairs), edges, len(surface.faces))
@@ -65,7 +65,7 @@ def _turns(pairs: Index, hard: int, edges: HalfEdges, faces: int) -> tuple[Mask,
 
 
 def _unbalanced_even(surface: Surface) -> Index:
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     return np.flatnonzero((edges.counts > 2) & (edges.counts % 2 == 0) & (edges.balances != 0))
 
 
@@ -104,7 +104,7 @@ def _volumes(surface: Surface, component: Index, count: int) -> tuple[F8, Mask]:
 
 
 def _closed_components(surface: Surface, component: Index, count: int) -> Mask:
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     closed = np.ones(count, bool)
     closed[component[edges.order[edges.start[:-1]][edges.balances != 0] // 3]] = False
     return closed

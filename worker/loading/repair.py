@@ -15,7 +15,7 @@ from worker.loading.holes import close_holes
 from worker.loading.manifold import drop_fins, split_manifold
 from worker.loading.needles import remove_needles
 from worker.loading.orient import make_consistent, orient_outward
-from worker.loading.surface import Surface, half_edges
+from worker.loading.surface import Surface
 from worker.loading.weld import drop_collapsed, drop_duplicates
 
 
@@ -41,7 +41,7 @@ def repair(surface: Surface, repairs: dict[str, Any], progress: Callable[[float]
     surface, holes = close_holes(surface)
     repairs |= {"closed_holes": holes.holes, "closed_hole_edges": holes.edges, "added_faces": holes.faces}
     progress(0.5)
-    closed = not half_edges(surface.faces).balances.any()
+    closed = not surface.edges.balances.any()
     if closed:
         before = len(surface.positions)
         surface, split = split_manifold(surface)
@@ -73,7 +73,7 @@ def edges_and_clip(surface: Surface) -> tuple[EdgeTable | None, Capability]:
 
 
 def _fans(surface: Surface) -> int:
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     first, second = edges.order[0::2], edges.order[1::2]
     mates = np.empty(len(edges.order), np.int64)
     mates[first], mates[second] = second, first
@@ -82,7 +82,7 @@ def _fans(surface: Surface) -> int:
 
 
 def _why_open(surface: Surface) -> str:
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     counts, balances = edges.counts, edges.balances
     boundary = int((counts == 1).sum())
     many = int(((counts > 2) & (balances != 0)).sum())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,11 @@ class Surface:
     faces: Index
     corners: Index
 
+    @cached_property
+    def edges(self) -> HalfEdges:
+        """Its half-edges; most steps leave a clean mesh as it is, and share them."""
+        return half_edges(self.faces)
+
     def kept(self, which: Mask | Index) -> Surface:
         """Only the faces of a mask or index array."""
         return replace(self, faces=self.faces[which], corners=self.corners[which])
@@ -46,6 +52,8 @@ class Surface:
         """Without unreferenced vertices, and how many there were."""
         used = np.zeros(len(self.positions), bool)
         used[self.faces] = True
+        if used.all():
+            return self, 0
         number = np.cumsum(used) - 1
         return Surface(self.positions[used], number[self.faces], self.corners), int(len(used) - used.sum())
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from schemas.conventions import F4
 from worker.kernels.load_union import directions
-from worker.loading.surface import Index, Mask, Surface, half_edges
+from worker.loading.surface import Index, Mask, Surface
 
 
 def weld(positions: F4) -> tuple[Index, Index]:
@@ -47,7 +47,7 @@ def drop_duplicates(surface: Surface) -> tuple[Surface, int]:
     extra, opposite = _later_coincident(surface.faces)
     if not extra.any():
         return surface, 0
-    edges = half_edges(surface.faces)
+    edges = surface.edges
     edge = edges.edge.reshape(-1, 3)
     odd_before = edges.counts % 2 == 1
     odd_after = np.bincount(edge[~extra].ravel(), minlength=len(edges.counts)) % 2 == 1
