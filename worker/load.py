@@ -15,7 +15,7 @@ from schemas.conventions import F4, I4, Array, Frame
 from schemas.mesh import Capability, MeshStats, PreprocessOptions
 from worker.loading.faults import rejected
 from worker.loading.limits import LoadLimits
-from worker.loading.parse import Parsed
+from worker.loading.parsed import Parsed
 from worker.loading.repair import drop_no_faces, edges_and_clip, repair
 from worker.loading.sandbox import parse_limited
 from worker.loading.sniff import normal_extension

@@ -6,15 +6,13 @@ texture even after a whole-number shift takes the texture's colours at its three
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from schemas.conventions import F4, F8, U1, Array
 from worker.loading.limits import LoadLimits
-
-if TYPE_CHECKING:
-    from worker.loading.parse import Piece
+from worker.loading.parsed import Piece
 
 NO_COLOR = (200, 200, 200, 255)
 """Of a part without any colour beside parts that have one; the default of `schemas.render.Shading`."""

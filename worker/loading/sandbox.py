@@ -20,7 +20,7 @@ from schemas.conventions import Array
 from schemas.errors import SilhouetteError, TooLargeError
 from worker.loading.faults import from_report, parse_failed, rejected
 from worker.loading.limits import LoadLimits
-from worker.loading.parse import Parsed
+from worker.loading.parsed import Parsed
 
 MAX_REPORT = 1 << 16
 _SHAPES: dict[str, tuple[str, tuple[int | str, ...]]] = {

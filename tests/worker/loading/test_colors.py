@@ -17,7 +17,7 @@ from tests.worker.loading.test_refusals import TRIANGLE, gltf
 from tests.worker.loading.uploads import as_bytes, glb, loaded, parsed
 from worker.load import build
 from worker.loading.limits import LoadLimits
-from worker.loading.parse import Parsed
+from worker.loading.parsed import Parsed
 
 RNG = np.random.default_rng(0)
 

@@ -12,7 +12,8 @@ import trimesh
 from schemas.mesh import PreprocessOptions
 from worker.load import build, load_mesh
 from worker.loading.limits import LoadLimits
-from worker.loading.parse import Parsed, parse
+from worker.loading.parse import parse
+from worker.loading.parsed import Parsed
 
 FORMATS = ("stl", "stl_ascii", "obj", "ply", "ply_ascii", "off", "glb", "3mf")
 LIMITS = LoadLimits()
