@@ -6,9 +6,12 @@ import numpy as np
 
 from geometry.topology import build_edges, face_components, vertex_normals
 from schemas.conventions import F4, I4, Array, Frame
+from schemas.mesh import PreprocessOptions
 from worker.bake import bake_maps, hull_normals
 from worker.downloads import hull_glb
 from worker.hull import build_hull
+from worker.load import build
+from worker.loading.parsed import Parsed
 from worker.tree import build_tree
 from worker.verify import verify_artifacts
 
@@ -20,7 +23,8 @@ def warm_kernels() -> None:
     """Run load's kernels, hull, bake with its downloads, tree and verify once on a small ellipsoid."""
     positions, faces = ellipsoid()
     normals, edges = vertex_normals(positions, faces), build_edges(faces)
-    face_components(faces, len(positions))
+    for vertices, triangles in ((positions, faces[1:]), touching_tetrahedra()):  # a hole to close, an edge of four faces
+        build(Parsed(vertices.astype(np.float64), triangles, {}), PreprocessOptions(), _silent)
     hull = build_hull(positions, faces, HULL_FACES, _silent)
     across = hull_normals(hull.positions, hull.faces)
     texture: dict[str, Array] = {
@@ -38,6 +42,13 @@ def warm_kernels() -> None:
         vars(tree),
         _silent,
     )
+
+
+def touching_tetrahedra() -> tuple[F4, I4]:
+    """(positions (6, 3) f4, faces (8, 3) i4): two tetrahedra that share an edge."""
+    points = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]
+    faces = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2], [0, 1, 4], [0, 4, 5], [0, 5, 1], [1, 5, 4]]
+    return np.array(points, np.float32), np.array(faces, np.int32)[:, ::-1].copy()
 
 
 def start_compiler() -> None:
