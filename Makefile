@@ -1,6 +1,6 @@
 # Every target sets up what it needs first. No make on this machine? `python3 setup/bootstrap.py` is `make setup`.
 
-PYTHON ?= $(shell command -v python3.13 || command -v python3.12 || command -v python3.11 || command -v python3)
+PYTHON ?= python3
 BIN := .venv/bin
 MESH ?=
 BENCH_MESHES ?= knot

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from backend.artifacts import open_artifact
 from backend.store import Store
@@ -98,6 +97,8 @@ class MeshAsset:
     @cached_property
     def convex_planes(self) -> F8:
         """(k, 4) f8 unit outward planes of the hull's convex hull: n . p + d is at most 0 inside. No planes for a flat one."""
+        from scipy.spatial import ConvexHull, QhullError  # a third of a second that starting the service need not wait for
+
         assert self.hull is not None
         try:
             return ConvexHull(self.hull["positions"].astype(np.float64)).equations

@@ -112,3 +112,17 @@ def octahedron(store: Store) -> MeshAsset:
         finished=datetime.now(UTC),
     )
     return load_asset(store, manifest)
+
+
+def main() -> None:
+    """Warm in a process of its own, so that numba's cache on disk has everything. Raises EglUnavailableError."""
+    renderer = Renderer()
+    renderer.start()
+    try:
+        warm(renderer)
+    finally:
+        renderer.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -3,7 +3,8 @@
     python3 setup/bootstrap.py [--dev]
 
 Makes `.venv/`, installs the locked packages (and the project itself, editable), installs the system's EGL and Mesa
-libraries through apt when they are missing. Does nothing twice: what is already there is left alone. Standard library only.
+libraries through apt when they are missing, and compiles the kernels, so that the first request finds them warm. Does nothing
+twice: what is already there is left alone. Standard library only.
 """
 
 from __future__ import annotations
@@ -112,12 +113,12 @@ def install_packages(lock: str) -> None:
     say(f"installing the packages of {lock_file.relative_to(ROOT)}")
     pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     run(*pip, "--require-hashes", "-r", lock_file)
-    run(*pip, "--no-deps", "--no-build-isolation", "--editable", ROOT)
+    run(*pip, "--no-deps", "--no-build-isolation", "--editable", ROOT, quiet=True)
     STAMP.write_text(state)
 
 
-def forget_stale_kernels() -> None:
-    """Remove compiled kernels when any source has changed: numba's cache does not see changes in the functions they call."""
+def compile_kernels() -> None:
+    """Compile all kernels anew when any source has changed: numba's cache does not see changes in the functions they call."""
     sources = sorted(path for folder in KERNELS for path in (ROOT / folder).rglob("*.py"))
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
     if KERNEL_STAMP.exists() and KERNEL_STAMP.read_text() == digest:
@@ -125,18 +126,32 @@ def forget_stale_kernels() -> None:
     for folder in KERNELS:
         for compiled in (ROOT / folder).rglob("__pycache__/*.nb[ic]"):
             compiled.unlink(missing_ok=True)
+    say("compiling the kernels, once (about a minute)")
+    modules = [subprocess.Popen([PYTHON, "-m", module], cwd=ROOT) for module in ("worker.warm", "service.warm")]
+    statuses = [module.wait() for module in modules]
+    if any(statuses):
+        stop("the kernels could not be compiled; the lines above say why")
     KERNEL_STAMP.write_text(digest)
+
+
+def use_newer_python() -> None:
+    """Go on under a Python that is new enough, when this one is not."""
+    if sys.version_info >= (3, 11):  # noqa: UP036 - run by whatever Python is there
+        return
+    for name in ("python3.14", "python3.13", "python3.12", "python3.11"):
+        if shutil.which(name) and subprocess.run([name, "-c", ""], check=False, capture_output=True).returncode == 0:
+            os.execvp(name, [name, *sys.argv])
+    stop(f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}")
 
 
 def main() -> None:
     """Do every step that is not done yet."""
-    if sys.version_info < (3, 11):  # noqa: UP036 - run by whatever Python is there
-        stop(f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}")
+    use_newer_python()
     lock = "dev" if "--dev" in sys.argv[1:] else "run"
     install_gl()
     make_environment()
     install_packages(lock)
-    forget_stale_kernels()
+    compile_kernels()
 
 
 if __name__ == "__main__":

@@ -78,3 +78,7 @@ def ellipsoid() -> tuple[F4, I4]:
 
 def _silent(_: float) -> None:
     return None
+
+
+if __name__ == "__main__":
+    warm_kernels()
