@@ -64,3 +64,10 @@ def test_command_help_teaches_every_command():
     top = subprocess.run([sys.executable, "-m", "client.cli", "--help"], capture_output=True, text=True, check=True).stdout
     for command in ("serve", "worker", "demo", "upload", "render", "silhouette"):
         assert command in top
+
+
+def test_every_code_of_a_refused_upload_is_documented():
+    from worker.loading.faults import CODES
+
+    text = (DOCS / "api.md").read_text()
+    assert [code for code in sorted(CODES) if f"`{code}`" not in text] == []
