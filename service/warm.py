@@ -25,7 +25,19 @@ from schemas.conventions import Array
 from schemas.errors import SilhouetteError
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability
-from schemas.render import Accuracy, Antialias, ProjectTo, RenderRequest, Shading, ShadingMode, SilhouetteRequest, Source
+from schemas.render import (
+    Accuracy,
+    Antialias,
+    Camera,
+    Orbit,
+    OrbitCamera,
+    ProjectTo,
+    RenderRequest,
+    Shading,
+    ShadingMode,
+    SilhouetteRequest,
+    Source,
+)
 from service.assets import MeshAsset, load_asset
 from service.render.renderer import Renderer
 from service.silhouette.describe import describe_silhouette
@@ -39,6 +51,12 @@ SIDE_PX = 64
 MAP_TEXELS = 64
 HULL_SIZE = 1.1
 """The hull is so much larger than the octahedron."""
+
+WHOLE = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
+BESIDE = Camera(eye=[0.75, 0.75, 0.1], target=[0.5, 0.5, 1.0], fov_y_deg=150.0)
+"""Looks past the octahedron, part of which is behind the eye: its contour is cut at the eye plane and closed there."""
+INSIDE = Camera(eye=[0.1, 0.2, 0.3])
+"""Has layers all round it, which no contour knows of: they are counted on the faces."""
 
 WAYS = (
     (Source.CLIPPED, Antialias.COVERAGE),
@@ -63,9 +81,10 @@ def warm(renderer: Renderer) -> None:
             asset = octahedron(Store(Path(folder)))
             for request in _requests():
                 renderer.submit(asset, request).result()
-            described = describe_silhouette(asset, SilhouetteRequest(project=ProjectTo()))
-            for write in (silhouette_json, silhouette_svg, silhouette_binary):
-                write(described)
+            for camera in (WHOLE, BESIDE, INSIDE):
+                described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo()))
+                for write in (silhouette_json, silhouette_svg, silhouette_binary):
+                    write(described)
     except (SilhouetteError, CancelledError) as error:  # busy already, or closing: then requests do the warming
         log.info("not warmed: %s", error)
     else:
@@ -73,9 +92,12 @@ def warm(renderer: Renderer) -> None:
 
 
 def _requests() -> Iterator[RenderRequest]:
+    yield RenderRequest(width=1, height=1)  # the whole outline in one pixel, which then is resolved exactly
     for source, antialias in WAYS:
         yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=source, antialias=antialias))
     yield RenderRequest(width=SIDE_PX, height=SIDE_PX, shading=Shading(mode=ShadingMode.MASK))
+    for antialias in (Antialias.COVERAGE, Antialias.LINE):
+        yield RenderRequest(camera=BESIDE, width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=Source.CLIPPED, antialias=antialias))
 
 
 def octahedron(store: Store) -> MeshAsset:

@@ -1,0 +1,64 @@
+"""After warming a request has nothing to compile: a kernel that is left costs somebody ten seconds of a first picture."""
+
+import importlib
+import json
+import pkgutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from numba.core.dispatcher import Dispatcher
+
+from schemas.render import Accuracy, Antialias, ProjectTo, RenderRequest, SilhouetteRequest, Source
+from service import kernels
+from service.render.renderer import Renderer
+from service.silhouette.describe import describe_silhouette
+from service.warm import warm
+
+ROOT = Path(__file__).resolve().parents[2]
+CAMERAS = (
+    {"orbit": {"azimuth_deg": 30.0, "elevation_deg": 20.0}},
+    {"eye": [0.1, 0.2, 4.0], "projection": "orthographic", "height": 2.6},
+    {"eye": [1.1, 1.1, 0.0], "target": [0.8, 0.8, 9.0], "fov_y_deg": 120.0},
+)
+INSIDE = {"eye": [0.0, 0.01, 0.02]}
+
+
+def test_no_kernel_is_compiled_after_warming():
+    run = subprocess.run([sys.executable, "-m", __name__], cwd=ROOT, capture_output=True, text=True, timeout=250, check=True)
+    assert json.loads(run.stdout.splitlines()[-1]) == []
+
+
+def forms() -> Iterator[str]:
+    """Every compiled form of every kernel of the service, in this process."""
+    for found in pkgutil.iter_modules(kernels.__path__):
+        for name, kernel in vars(importlib.import_module(f"{kernels.__name__}.{found.name}")).items():
+            if isinstance(kernel, Dispatcher):
+                yield from (f"{found.name}.{name}{signature}" for signature in kernel.signatures)
+
+
+def ask_for_everything(renderer: Renderer) -> None:
+    """Pictures and silhouettes of a real asset, from far, near and within."""
+    from tests.service.render.made import clippable
+
+    asset = clippable("joined")
+    for array in (asset.positions, asset.faces, asset.normals, *(asset.edges or ()), *(asset.hull or {}).values()):
+        array.flags.writeable = False  # as arrays of a file are: to numba another type
+    for camera in CAMERAS:
+        for side in (8, 256):
+            for antialias in (Antialias.COVERAGE, Antialias.LINE, Antialias.NONE):
+                accuracy = Accuracy(source=Source.CLIPPED, antialias=antialias)
+                renderer.submit(asset, RenderRequest(camera=camera, width=side, height=side, accuracy=accuracy)).result()
+    for camera in (*CAMERAS, INSIDE):
+        describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo()))
+
+
+if __name__ == "__main__":
+    renderer = Renderer()
+    renderer.start()
+    warm(renderer)
+    before = set(forms())
+    ask_for_everything(renderer)
+    print(json.dumps(sorted(set(forms()) - before)))
+    renderer.close()
