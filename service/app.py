@@ -20,6 +20,7 @@ from schemas.errors import SilhouetteError
 from service import errors
 from service.assets import AssetCache
 from service.body_limit import BodyLimit
+from service.head import HeadAsGet
 from service.meshes import Meshes
 from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
@@ -71,6 +72,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )
     errors.install(app)
     app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=frozenset({"/v1/meshes"}))
+    app.add_middleware(HeadAsGet)
     for module in ROUTES:
         app.include_router(module.router)
     return app
