@@ -5,7 +5,6 @@ from __future__ import annotations
 from schemas import errors
 from schemas.mesh import Problem
 
-TYPE_PREFIX = "urn:silhouette:problem:"
 UNPROCESSABLE = 422
 
 TITLES: dict[type[errors.SilhouetteError], tuple[int, str]] = {
@@ -23,5 +22,5 @@ def problem_of(error: errors.SilhouetteError) -> Problem:
     status, title = TITLES.get(type(error), (UNPROCESSABLE, "The mesh could not be processed"))
     where = {name: value for name, value in error.where.items() if name not in Problem.model_fields}
     return Problem.model_validate(
-        {**where, "code": error.code, "type": TYPE_PREFIX + error.code, "title": title, "status": status, "detail": error.message}
+        {**where, "code": error.code, "type": errors.PROBLEM_TYPE + error.code, "title": title, "status": status, "detail": error.message}
     )

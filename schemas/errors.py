@@ -21,6 +21,9 @@ from __future__ import annotations
 
 from typing import Any
 
+PROBLEM_TYPE = "urn:silhouette:problem:"
+"""`type` of a problem (RFC 9457) is this and its code; the same for a refused request and for a failed mesh."""
+
 
 class SilhouetteError(Exception):
     """Base of all errors of the product. `where` locates the fault (field, face index, byte offset, ...)."""

@@ -20,7 +20,6 @@ from schemas.render import CAMERA_FORMS
 log = logging.getLogger("silhouette.service")
 
 PROBLEM_JSON = "application/problem+json"
-TYPE_PREFIX = "/problems/"
 
 STATUS: dict[type[tree.SilhouetteError], tuple[int, str]] = {
     tree.InvalidRequestError: (422, "The request is not valid"),
@@ -44,7 +43,15 @@ HTTP_TITLES = {
     405: ("method-not-allowed", "Method not allowed", "This address does not take that method; /docs lists what it takes."),
     406: ("not-acceptable", "Not acceptable", "None of the media types in Accept can be produced here."),
     413: ("too-large", "Too large", "The body is larger than this address takes."),
+    416: ("range-not-satisfiable", "No such range", "The file ends before the range that was asked for begins."),
 }
+
+MESSAGES = {
+    "extra_forbidden": "there is no such field",
+    "missing": "is required",
+    "model_attributes_type": "should be a JSON object",
+}
+"""By pydantic's type of fault, where its own words are about Python."""
 
 PRIVATE = frozenset({*Problem.model_fields, "key", "path"})
 """What never goes from an error's `where` into an answer: RFC 9457's own members, and where things lie in the store."""
@@ -84,7 +91,7 @@ def problem_of(error: tree.SilhouetteError) -> Problem:
     extra = {name: value for name, value in error.where.items() if name not in PRIVATE and _is_json(value)}
     if isinstance(error, tree.InvalidRequestError) and "field" in error.where:
         extra["errors"] = [{"field": error.where["field"], "message": error.message}]
-    return Problem(type=TYPE_PREFIX + error.code, title=title, status=status, detail=error.message, code=error.code, **extra)
+    return Problem(type=tree.PROBLEM_TYPE + error.code, title=title, status=status, detail=error.message, code=error.code, **extra)
 
 
 def problem_response(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
@@ -103,7 +110,7 @@ def invalid_fields(faults: Iterable[Mapping[str, Any]], names: Mapping[str, str]
         if fault["type"] == "json_invalid":
             found.setdefault("body", "the body is not valid JSON")
         else:
-            message = str(fault["msg"]).removeprefix("Input ")
+            message = _message(fault, field)
             found[field] = f"{found[field]}; or {message}" if field in found else message
     return [{"field": field, "message": message} for field, message in found.items()]
 
@@ -115,7 +122,12 @@ def validation_problem(fields: list[dict[str, str]]) -> Problem:
     status, title = STATUS[tree.InvalidRequestError]
     code = tree.InvalidRequestError.code
     return Problem(
-        type=TYPE_PREFIX + code, title=title, status=status, detail=f"{first['field']}: {first['message']}{more}", code=code, errors=fields
+        type=tree.PROBLEM_TYPE + code,
+        title=title,
+        status=status,
+        detail=f"{first['field']}: {first['message']}{more}",
+        code=code,
+        errors=fields,
     )
 
 
@@ -127,6 +139,12 @@ def _field(fault: Mapping[str, Any]) -> str:
     parts = [part for part in parts if all(c.isalnum() or c in "_." for c in part)]
     between = (fault.get("ctx") or {}).get("field")
     return ".".join([*parts, between] if between else parts) or "body"
+
+
+def _message(fault: Mapping[str, Any], field: str) -> str:
+    """What is wrong with `field`. Bytes that came as no JSON at all, as curl sends them unless told, are said to be so."""
+    message = MESSAGES.get(fault["type"]) or str(fault["msg"]).removeprefix("Input ")
+    return f"{message}, sent with Content-Type: application/json" if field == "body" else message
 
 
 def _is_json(value: object) -> bool:
@@ -154,7 +172,7 @@ async def _on_invalid(_: Request, error: Exception) -> Response:
 async def _on_http(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     code, title, detail = HTTP_TITLES.get(error.status_code, ("http-error", "The request was refused", "The request was refused."))
-    problem = Problem(type=TYPE_PREFIX + code, title=title, status=error.status_code, detail=detail, code=code)
+    problem = Problem(type=tree.PROBLEM_TYPE + code, title=title, status=error.status_code, detail=detail, code=code)
     return problem_response(problem, error.headers)
 
 
@@ -165,7 +183,7 @@ async def _on_gone(_: Request, __: Exception) -> Response:
 async def _on_unexpected(_: Request, __: Exception) -> Response:
     status, title = STATUS[tree.SilhouetteError]
     detail = "Something went wrong inside the service. The fault is in its log."
-    return problem_response(Problem(type=TYPE_PREFIX + "internal", title=title, status=status, detail=detail, code="internal"))
+    return problem_response(Problem(type=tree.PROBLEM_TYPE + "internal", title=title, status=status, detail=detail, code="internal"))
 
 
 def install(app: FastAPI) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import FileResponse
+from starlette.exceptions import HTTPException
+from starlette.types import Message, Receive, Scope, Send
 
 from schemas import keys
 from schemas.artifacts import DOWNLOADS
@@ -14,6 +16,21 @@ from service.routes.documented import problems
 from service.state import Parts
 
 router = APIRouter(prefix="/v1/meshes/{mesh_id}", tags=["downloads"])
+
+
+class Download(FileResponse):
+    """A file, whole or in ranges. A range that cannot be had is a problem like any other, not a line of text."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it. Raises HTTPException 400 or 416, before anything is sent."""
+
+        async def send_wanted(message: Message) -> None:
+            if message["type"] == "http.response.start" and message["status"] in (400, 416):
+                ranges = {k.decode(): v.decode() for k, v in message["headers"] if k == b"content-range"}
+                raise HTTPException(message["status"], headers=ranges)
+            await send(message)
+
+        await super().__call__(scope, receive, send_wanted)
 
 
 @router.get(
@@ -33,4 +50,4 @@ async def artifact(mesh_id: str, name: str, request: Request, parts: Parts) -> R
         path = parts.store.local_path(keys.artifact(mesh_id, name))
     except NotFoundError:
         raise NotFoundError(f"This mesh has no {name}.") from None
-    return FileResponse(path, media_type=DOWNLOADS[name], headers={"ETag": tag, "Cache-Control": IMMUTABLE})
+    return Download(path, media_type=DOWNLOADS[name], headers={"ETag": tag, "Cache-Control": IMMUTABLE})

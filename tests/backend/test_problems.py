@@ -2,6 +2,7 @@ import pytest
 
 from backend.problems import problem_of
 from schemas import errors
+from service.errors import problem_of as answered
 
 
 @pytest.mark.parametrize(
@@ -24,3 +25,8 @@ def test_where_is_kept_but_cannot_replace_the_standard_members():
     problem = problem_of(errors.MeshRejectedError("NaN.", vertex=7, status=200, title="x"))
     assert problem.status == 422
     assert problem.model_extra["vertex"] == 7
+
+
+def test_a_failed_mesh_and_a_refused_request_have_the_same_type():
+    error = errors.MeshRejectedError("NaN.", code="non-finite-vertices")
+    assert problem_of(error).type == answered(error).type == "urn:silhouette:problem:non-finite-vertices"

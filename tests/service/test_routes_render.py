@@ -256,6 +256,33 @@ def test_what_there_is_not_is_404(http, knot, path):
     assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json")
 
 
+@pytest.mark.parametrize("path", ["", "/render.png?width=32&height=32", "/thumbnail.webp", "/silhouette.json", "/artifacts/hull.glb"])
+def test_head_is_get_without_the_body(http, knot, path):
+    url = f"/v1/meshes/{knot.id}{path}"
+    asked, got = http.head(url), http.get(url)
+    assert (asked.status_code, asked.content) == (200, b"")
+    assert set(asked.headers) == set(got.headers)
+    assert asked.headers["content-type"] == got.headers["content-type"]
+
+
+def test_head_of_what_there_is_not_is_404(http):
+    assert http.head(f"/v1/meshes/{'0' * 32}/render.png").status_code == 404
+
+
+@pytest.mark.parametrize(("wanted", "status", "code"), [("bytes=999999999-", 416, "range-not-satisfiable"), ("soon", 400, "bad-request")])
+def test_a_range_that_cannot_be_had_is_a_problem(http, knot, wanted, status, code):
+    answer = http.get(knot.links["hull.glb"], headers={"Range": wanted})
+    assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json")
+    assert answer.json()["code"] == code
+    assert http.get(knot.links["hull.glb"], headers={"Range": "bytes=0-3"}).content == b"glTF"
+
+
+def test_a_body_that_is_not_said_to_be_json_is_told_how_to_be(http, knot):
+    answer = http.post(f"/v1/meshes/{knot.id}/render", content=b"{}")
+    assert answer.status_code == 422
+    assert "application/json" in answer.json()["detail"]
+
+
 @pytest.mark.parametrize("size", [0, 15, 1025, "big"])
 def test_thumbnail_size_is_bounded(http, knot, size):
     answer = http.get(f"/v1/meshes/{knot.id}/thumbnail.png", params={"size": size})
