@@ -5,6 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
+from schemas.conventions import F8
 from schemas.render import Antialias, ShadingMode
 from service.render.gpu_cache import Surface
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
@@ -42,9 +43,7 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
     sides = frozenset() if frame.plan.closed else frozenset({"TWO_SIDED"})
     program = frame.gpu.programs.get(vertex, "surface", surface.definitions | {SHOW[shading.mode]} | sides)
     color = LINEAR_TABLE[list(parse_color(shading.color))].astype(np.float64)
-    light = np.array(shading.light or DEFAULT_LIGHT)
-    length = float(np.linalg.norm(light))
-    light = frame.view.view[:3, :3].T @ (light / length if length > 0.0 else light)
+    light = frame.view.view[:3, :3].T @ _unit(np.array(shading.light or DEFAULT_LIGHT))
     frame.gpu.programs.set(
         program,
         clip_from_object=frame.clip_from_object(),
@@ -57,3 +56,12 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
     for unit, texture in enumerate(surface.textures.values()):
         texture.use(unit)
     return program
+
+
+def _unit(vector: F8) -> F8:
+    """A unit vector, for vectors of any length; zero stays zero, which is light from nowhere."""
+    largest = np.abs(vector).max()
+    if largest == 0.0:
+        return vector
+    scaled = vector / largest
+    return np.asarray(scaled / np.linalg.norm(scaled))

@@ -181,6 +181,14 @@ def test_exact_mask_needs_no_gl(draw):
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("length", [1e-300, 1e300])
+def test_only_the_direction_of_the_light_counts(draw, length):
+    front = {"eye": [0, 0, 4]}
+    one = draw("sphere", camera=front, shading={"light": [1.0, 2.0, 0.0]}).pixels
+    other = draw("sphere", camera=front, shading={"light": [length, 2.0 * length, 0.0]}).pixels
+    assert np.array_equal(one, other)
+
+
 @pytest.mark.parametrize("rung", ALL_RUNGS)
 def test_picture_is_upright_and_lit_from_where_the_light_is(draw, rung):
     front = {"eye": [0, 0, 4], "fov_y_deg": 40}
