@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import orjson
 import typer
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from client.api import DEFAULT_URL, Client
 from client.demo import run_demo
@@ -192,7 +192,7 @@ def list_meshes(
     if as_json:
         print(orjson.dumps([mesh.model_dump(mode="json", exclude_none=True) for mesh in meshes]).decode())
         return
-    table = Table("id", "name", "status", "faces", "hull", "created", box=None, header_style="bold")
+    table = Table(Column("id", no_wrap=True, min_width=32), "name", "status", "faces", "hull", "created", box=None, header_style="bold")
     for mesh in meshes:
         faces = f"{mesh.stats.faces:,}" if mesh.stats else ""
         hull = f"{mesh.hull.faces:,}" if mesh.hull else ""

@@ -64,6 +64,7 @@ def test_list_and_info_as_json_and_as_table(service, knot):
     assert json.loads(silhouette("info", knot.id, "--json", url=service.url).stdout)["stats"]["faces"] == 5120
     assert b"5,120" in silhouette("info", knot.id[:10], url=service.url).stdout
     assert knot.id in silhouette("list", url=service.url, env={"COLUMNS": "150"}).stdout.decode()
+    assert knot.id in silhouette("list", url=service.url, env={"COLUMNS": "60"}).stdout.decode(), "ids are for copying, however narrow"
 
 
 def test_delete_removes_the_mesh(service, tmp_path, knot_file):
