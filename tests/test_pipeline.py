@@ -1,5 +1,6 @@
 """The main job end to end: real HTTP, real queue, a real worker process, real EGL; what is drawn is looked at."""
 
+import contextlib
 import io
 import json
 import os
@@ -91,9 +92,13 @@ def test_many_clients_at_once_get_the_same_picture_or_are_told_to_come_back(serv
 
 def test_clients_that_leave_do_not_block_the_others(service, knot):
     url = f"{service.url}/v1/meshes/{knot.id}/render.png?width=2000&height=2000&source=original&antialias=ssaa"
-    for _ in range(12):
-        with pytest.raises(httpx.TimeoutException):
-            httpx.get(url, timeout=0.02)
+    left = 0
+    for _ in range(12):  # a full service may still answer 503 in time
+        with contextlib.suppress(httpx.TimeoutException):
+            assert httpx.get(url, timeout=0.02).status_code == 503
+            continue
+        left += 1
+    assert left
     began = time.monotonic()
     while (answer := httpx.get(f"{service.url}/v1/meshes/{knot.id}/render.png?width=64&height=64", timeout=60.0)).status_code == 503:
         assert time.monotonic() - began < 30.0

@@ -139,9 +139,20 @@ def _width(count, events, y, corner, scratch):
     return covered + (1.0 - x) * (winding > 0.0)
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _end(p, i, lower):
+    """(x, y) of the end of piece i with the larger y, or else of the other one."""
+    if (p[i, 3] > p[i, 1]) == lower:
+        return p[i, 2], p[i, 3]
+    return p[i, 0], p[i, 1]
+
+
 @njit(cache=True, nogil=True)
-def _meet(count, scratch):
-    """Whether pieces cross or run on top of each other, or are too flat to tell; ends that touch do not count."""
+def _meet(p, begin, count, scratch):
+    """Whether pieces cross or run on top of each other, or are too flat to tell.
+
+    Two ends at the same place do not count; an end as near as that to another piece does, as the chain may go on across it.
+    """
     for i in range(count):
         if not abs(scratch[4, i]) < STEEPEST or scratch[1, i] == scratch[2, i]:
             return True
@@ -151,6 +162,10 @@ def _meet(count, scratch):
                 continue
             shift, slope = scratch[3, i] - scratch[3, j], scratch[4, i] - scratch[4, j]
             above, below = shift + slope * low, shift + slope * high
+            if abs(above) <= NEAR and _end(p, begin + i, False) != _end(p, begin + j, False):
+                return True
+            if abs(below) <= NEAR and _end(p, begin + i, True) != _end(p, begin + j, True):
+                return True
             if not ((above > NEAR or below > NEAR) and above > -NEAR and below > -NEAR) and not (
                 (above < -NEAR or below < -NEAR) and above < NEAR and below < NEAR
             ):
@@ -194,7 +209,7 @@ def covered_area(p, begin, end, total, left, top, scratch):
         for i in range(SLABS):
             area += _width(end - begin, events, (i + 0.5) / SLABS, corner, scratch)
         return area / SLABS
-    if not _meet(end - begin, scratch):
+    if not _meet(p, begin, end - begin, scratch):
         return _area_between(p, begin, end, top, left, events, corner, scratch)
     heights = scratch[0]
     n = _heights(p, begin, end, top, heights)

@@ -100,7 +100,7 @@ def test_tensors_of_mixed_width_are_aligned(store):
         {"positions": np.zeros((5, 3))},
         {"positions": np.zeros((5, 4), np.float32)},
         {"positions": np.zeros(15, np.float32)},
-        {"normals": np.zeros((6, 3), np.float32)},
+        {"normal_vertices": np.zeros(6, np.int32)},
         {"edge_faces": np.zeros((8, 2), np.int32)},
         {"faces": np.zeros((6, 3), ">i4")},
     ],
@@ -223,7 +223,7 @@ def test_rejects_an_unknown_dtype(written):
 
 def test_rejects_sides_that_do_not_belong_together(tmp_path):
     tensors = mesh_tensors()
-    save_file(tensors | {"normals": tensors["normals"][:4]}, tmp_path / "x", {"identity": IDENTITY, "sha256": ""})
+    save_file(tensors | {"edge_faces": tensors["edge_faces"][:4]}, tmp_path / "x", {"identity": IDENTITY, "sha256": ""})
     refused(tmp_path / "x")
 
 

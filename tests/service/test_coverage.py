@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from service.kernels.coverage import cut
+from service.kernels.coverage_pixels import EXACT_PIECES, SLABS
 from service.silhouette import coverage
 from service.silhouette.coverage import coverage_mask
 from tests.service.oracles import positive_area
@@ -32,7 +34,35 @@ points = st.one_of(*(st.lists(st.tuples(c, c), min_size=2, max_size=7) for c in 
 def test_mask_is_the_exact_area_of_positive_winding(polygons):
     segments = np.concatenate([polygon(*p) for p in polygons])
     mask = coverage_mask(segments, 6, 5).mask
-    assert np.abs(mask / 255.0 - positive_area(segments, 6, 5)).max() <= ROUNDING
+    assert np.all(np.abs(mask / 255.0 - positive_area(segments, 6, 5)) <= allowed(segments, 6, 5))
+
+
+def allowed(segments, width, height):
+    """Largest error of each pixel: rounding, but a slab for each piece where there are too many pieces to be exact."""
+    pieces, pixels = np.empty((1000, 4)), np.empty((1000, 2), np.int32)
+    count, _ = cut(segments, 0, width, 0, height, pieces, pixels)
+    crossed = np.zeros((height, width))
+    inside = pieces[:count, 0] >= pixels[:count, 1]
+    np.add.at(crossed, tuple(pixels[:count][inside].T), 1)
+    return np.where(crossed > EXACT_PIECES, crossed / SLABS, ROUNDING)
+
+
+def test_chain_that_ends_on_the_pixel_side_just_across_another_crosses_it():
+    segments = polygon((1.0, 0.0), (0.0, 2.0), (1.5272900041034553e-16, 0.0), (0.0, 0.0), (0.0, 1.5))
+    mask = coverage_mask(segments, 3, 3).mask
+    assert np.abs(mask / 255.0 - positive_area(segments, 3, 3)).max() <= ROUNDING
+
+
+def test_chains_that_cross_next_to_their_ends_cross():
+    segments = polygon((0.0, 0.0), (1.0, 1.0), (0.0, -1.0), (8.779942778774908e-16, 0.0), (0.0, 1.0))
+    mask = coverage_mask(segments, 3, 3).mask
+    assert np.abs(mask / 255.0 - positive_area(segments, 3, 3)).max() <= ROUNDING
+
+
+def test_chain_through_a_vertex_on_another_chain_crosses_it():
+    segments = polygon((2.25, 0.0), (2.25, 1.5), (2.75, 3.0), (1.5, 3.0), (2.5, 0.0))
+    mask = coverage_mask(segments, 4, 4).mask
+    assert np.abs(mask / 255.0 - positive_area(segments, 4, 4)).max() <= ROUNDING
 
 
 @settings(max_examples=60, deadline=None)
