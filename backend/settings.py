@@ -7,15 +7,21 @@ from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 ENV_PREFIX = "SILHOUETTE_"
+REDIS_SCHEMES = ("redis", "rediss", "unix")
 
 
 def default_data_dir() -> Path:
     """The user's data folder, as the XDG base directory rules have it."""
     return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "silhouette"
+
+
+def setting_faults(error: ValidationError) -> list[str]:
+    """A line for people for each setting that cannot be used."""
+    return [f"setting {'.'.join(map(str, fault['loc']))}: {fault['msg'].removeprefix('Value error, ')}" for fault in error.errors()]
 
 
 class BackendSettings(BaseSettings):
@@ -33,6 +39,13 @@ class BackendSettings(BaseSettings):
     job_record_s: int = Field(3600, ge=60, description="how long the queue remembers a job that ended")
     reconcile_interval_s: float = Field(10.0, gt=0.0, description="how often accepted meshes are compared with the queue")
     temporary_age_s: float = Field(6 * 3600.0, gt=0.0, description="temporary files older than this belong to nobody")
+
+    @field_validator("redis_url")
+    @classmethod
+    def _known_server(cls, url: str | None) -> str | None:
+        if url is not None and urlsplit(url).scheme not in REDIS_SCHEMES:
+            raise ValueError("a Redis is named by redis://, rediss:// or unix://")
+        return url
 
     @field_validator("store_url")
     @classmethod

@@ -18,6 +18,7 @@ from fastapi import FastAPI
 from pydantic import ValidationError
 
 from backend.logs import configure_logs
+from backend.settings import setting_faults
 from service.embedded import EmbeddedBackend, StartupError
 from service.settings import ServiceSettings
 
@@ -32,8 +33,7 @@ def main() -> int:
     try:
         settings, while_stdin = parse(sys.argv[1:])
     except ValidationError as error:
-        for fault in error.errors():
-            print(f"setting {'.'.join(map(str, fault['loc']))}: {fault['msg']}", file=sys.stderr)
+        print(*setting_faults(error), sep="\n", file=sys.stderr)
         return 2
     configure_logs("service", settings.log_level)
     signal.signal(signal.SIGTERM, _interrupt)

@@ -71,7 +71,8 @@ class EmbeddedBackend:
     def start(self) -> None:
         """Start the server, wait for its answer, start the workers and do not wait for them.
 
-        Raises StartupError when another process uses the folder, when there is no server program, or when it does not answer.
+        Raises StartupError when the folder cannot be used or another process uses it, when there is no server program, or when
+        it does not answer.
         """
         self._lock()
         try:
@@ -111,8 +112,11 @@ class EmbeddedBackend:
         return self.data_dir / "redis"
 
     def _lock(self) -> None:
-        self.data_dir.mkdir(parents=True, exist_ok=True)
-        self._lock_file = (self.data_dir / "lock").open("ab")
+        try:
+            self.data_dir.mkdir(parents=True, exist_ok=True)
+            self._lock_file = (self.data_dir / "lock").open("ab")
+        except OSError as error:
+            raise StartupError(f"cannot use the data folder {self.data_dir}: {error.strerror}") from error
         try:
             fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -11,10 +11,12 @@ import time
 from pathlib import Path
 
 import redis
+from pydantic import ValidationError
 
 from backend import records
 from backend.logs import configure_logs
 from backend.queue import JobQueue
+from backend.settings import setting_faults
 from worker.jobs import STAGE_FUNCTIONS
 from worker.process import StageWorker, die_with_parent
 from worker.settings import WorkerSettings
@@ -28,7 +30,11 @@ FAILED, NOT_CONFIGURED = 1, 2
 
 def main() -> int:
     """Run one worker; the exit status. Redis errors end it: whoever keeps it running starts it again."""
-    settings = WorkerSettings()
+    try:
+        settings = WorkerSettings()
+    except ValidationError as error:
+        print(*setting_faults(error), sep="\n", file=sys.stderr)
+        return NOT_CONFIGURED
     configure_logs("worker", settings.log_level)
     if settings.redis_url is None:
         log.error("SILHOUETTE_REDIS_URL is not set: a worker needs the Redis that its service uses")

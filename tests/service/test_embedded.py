@@ -90,6 +90,12 @@ def test_a_folder_has_one_owner(backend):
     assert connect(backend.redis_url).ping()
 
 
+def test_a_folder_that_cannot_be_made_is_said_in_a_sentence(tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(StartupError, match="cannot use the data folder"):
+        EmbeddedBackend(tmp_path / "taken" / "data", worker_count=0).start()
+
+
 def test_a_path_too_long_for_a_socket_gets_another_place(tmp_path):
     folder = tmp_path / ("x" * (SOCKET_PATH_BYTES + 1))
     backend = EmbeddedBackend(folder, worker_count=0)

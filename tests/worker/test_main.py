@@ -9,15 +9,25 @@ from worker.warm import ellipsoid, warm_kernels
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_a_worker_without_a_queue_says_what_is_missing(tmp_path):
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("SILHOUETTE_")}
-    environment["SILHOUETTE_DATA_DIR"] = str(tmp_path)
-    done = subprocess.run(
+def started(**settings):
+    """A worker that ends by itself, with no settings but these."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("SILHOUETTE_")} | settings
+    return subprocess.run(
         [sys.executable, "-m", "worker"], cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=60
     )
+
+
+def test_a_worker_without_a_queue_says_what_is_missing(tmp_path):
+    done = started(SILHOUETTE_DATA_DIR=str(tmp_path))
     assert done.returncode == 2
     assert "SILHOUETTE_REDIS_URL" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_setting_that_cannot_be_used_is_one_line_that_names_it():
+    done = started(SILHOUETTE_REDIS_URL="http://somewhere")
+    assert done.returncode == 2
+    assert done.stderr == "setting redis_url: a Redis is named by redis://, rediss:// or unix://\n"
 
 
 def test_the_mesh_that_warms_the_kernels_is_closed_and_outward():
