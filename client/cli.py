@@ -192,7 +192,16 @@ def list_meshes(
     if as_json:
         print(orjson.dumps([mesh.model_dump(mode="json", exclude_none=True) for mesh in meshes]).decode())
         return
-    table = Table(Column("id", no_wrap=True, min_width=32), "name", "status", "faces", "hull", "created", box=None, header_style="bold")
+    table = Table(
+        Column("id", no_wrap=True, min_width=32),
+        "name",
+        "status",
+        "faces",
+        "hull",
+        Column("created", min_width=10),
+        box=None,
+        header_style="bold",
+    )
     for mesh in meshes:
         faces = f"{mesh.stats.faces:,}" if mesh.stats else ""
         hull = f"{mesh.hull.faces:,}" if mesh.hull else ""
