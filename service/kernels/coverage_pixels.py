@@ -1,10 +1,10 @@
 """The covered part of single pixels that several chains cross: area where the winding number is positive.
 
-Most need only a look: when no pieces meet, each has one winding number on its left and one on its right, and those between 0
-and 1 are the border of the covered area.
+Most need only a look: where all winding numbers beside pieces are positive the pixel is full; and when no pieces meet, each has
+one winding number on its left and one on its right, and those between 0 and 1 are the border of the covered area.
 In the others, between neighbouring heights of interest (ends and crossings of pieces), a pixel is a stack of slabs in which
 the pieces are straight and do not meet, so the covered width is linear in y: its value at the middle of the slab, times the
-height, is the area exactly. Pixels with more than EXACT_PIECES pieces are cut into SLABS slabs of equal height instead.
+height, is the area exactly. Those with more than EXACT_PIECES pieces are cut into SLABS slabs of equal height instead.
 """
 
 from __future__ import annotations
@@ -147,50 +147,89 @@ def _end(p, i, lower):
     return p[i, 0], p[i, 1]
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _drop(i, j, scratch):
+    """How much less the winding number beside piece i may be than at its middle, because it meets piece j; 0 at most.
+
+    Piece j counts where it is on the left of i, and where they meet it changes sides. Where j runs past the middle of i both
+    cases are known; else the chain of j goes on there, and a meeting changes the winding number by one.
+    """
+    y = 0.5 * (scratch[1, i] + scratch[2, i])
+    if not (scratch[1, j] <= y and y < scratch[2, j]):
+        return -1.0
+    beside = scratch[3, j] + y * scratch[4, j] < scratch[3, i] + y * scratch[4, i]
+    return min(scratch[5, j], 0.0) - scratch[5, j] * beside
+
+
 @njit(cache=True, nogil=True)
-def _meet(p, begin, count, scratch):
-    """Whether pieces cross or run on top of each other, or are too flat to tell.
+def _meetings(p, begin, count, scratch):
+    """Pairs of pieces that cross or run on top of each other, and in row 10 of scratch what `_drop` says of each piece.
 
     Two ends at the same place do not count; an end as near as that to another piece does, as the chain may go on across it.
+    -1 when a piece is too flat to tell.
     """
+    scratch[10, :count] = 0.0
+    total = 0
     for i in range(count):
         if not abs(scratch[4, i]) < STEEPEST or scratch[1, i] == scratch[2, i]:
-            return True
+            return -1
         for j in range(i):
             low, high = max(scratch[1, i], scratch[1, j]), min(scratch[2, i], scratch[2, j])
             if low >= high:
                 continue
             shift, slope = scratch[3, i] - scratch[3, j], scratch[4, i] - scratch[4, j]
             above, below = shift + slope * low, shift + slope * high
-            if abs(above) <= NEAR and _end(p, begin + i, False) != _end(p, begin + j, False):
-                return True
-            if abs(below) <= NEAR and _end(p, begin + i, True) != _end(p, begin + j, True):
-                return True
-            if not ((above > NEAR or below > NEAR) and above > -NEAR and below > -NEAR) and not (
-                (above < -NEAR or below < -NEAR) and above < NEAR and below < NEAR
-            ):
-                return True
-    return False
+            meet = not ((above > NEAR or below > NEAR) and above > -NEAR and below > -NEAR)
+            meet &= not ((above < -NEAR or below < -NEAR) and above < NEAR and below < NEAR)
+            if not meet and abs(above) <= NEAR:
+                meet = _end(p, begin + i, False) != _end(p, begin + j, False)
+            if not meet and abs(below) <= NEAR:
+                meet = _end(p, begin + i, True) != _end(p, begin + j, True)
+            if meet:
+                total += 1
+                scratch[10, i] += _drop(i, j, scratch)
+                scratch[10, j] += _drop(j, i, scratch)
+    return total
 
 
 @njit(cache=True, nogil=True)
-def _area_between(p, begin, end, top, left, events, corner, scratch):
-    """Covered area of a pixel whose pieces do not meet: the integral of the winding number over the pieces that bound it.
-
-    Along a piece that meets no other the winding number on either side is the same from end to end; it is taken just below
-    the middle. Pieces with 0 on one side and 1 on the other are the border of what is covered.
-    """
-    area = 1.0 if corner > 0.0 else 0.0
-    for i in range(end - begin):
+def _windings(count, events, corner, scratch):
+    """Row 11 of scratch: the winding number just left of the middle of each piece."""
+    for i in range(count):
         y = 0.5 * (scratch[1, i] + scratch[2, i])
         x = scratch[3, i] + y * scratch[4, i]
         winding = corner
         for e in range(events):
             winding += scratch[7, e] * (scratch[6, e] <= y)
-        for j in range(end - begin):
+        for j in range(count):
             beside = (scratch[1, j] <= y) & (y < scratch[2, j]) & (scratch[3, j] + y * scratch[4, j] < x)
             winding += scratch[5, j] * (beside & (i != j))
-        if min(winding, winding + scratch[5, i]) == 0.0:
+        scratch[11, i] = winding
+
+
+@njit(cache=True, nogil=True)
+def _least_winding(count, scratch):
+    """A lower bound of the winding number in the pixel.
+
+    Every part of the pixel has a piece on its border. From the middle of the piece to there the winding number beside it
+    changes only where the piece meets others.
+    """
+    least = np.inf
+    for i in range(count):
+        least = min(least, scratch[11, i] + min(scratch[5, i], 0.0) + scratch[10, i])
+    return least
+
+
+@njit(cache=True, nogil=True)
+def _area_between(p, begin, end, top, left, corner, scratch):
+    """Covered area of a pixel whose pieces do not meet: the integral of the winding number over the pieces that bound it.
+
+    Along a piece that meets no other the winding number on either side is the same from end to end. Pieces with 0 on one side
+    and 1 on the other are the border of what is covered.
+    """
+    area = 1.0 if corner > 0.0 else 0.0
+    for i in range(end - begin):
+        if min(scratch[11, i], scratch[11, i] + scratch[5, i]) == 0.0:
             area += _integral(p, begin + i, left, top)
     return area
 
@@ -199,23 +238,29 @@ def _area_between(p, begin, end, top, left, events, corner, scratch):
 def covered_area(p, begin, end, total, left, top, scratch):
     """Area of the pixel (left, top) in which the winding number is positive.
 
-    p[begin:end] (k, 4) f8: its pieces. total: the integral of the winding number over the pixel. scratch: (10, n) f8, n at
+    p[begin:end] (k, 4) f8: its pieces. total: the integral of the winding number over the pixel. scratch: (12, n) f8, n at
     least 2 k and at least 2 + 2 m + m^2 with m = min(k, EXACT_PIECES).
     """
+    count = end - begin
     corner = _corner_winding(p, begin, end, total, left, top)
     events = _lines(p, begin, end, top, left, scratch)
+    meetings = _meetings(p, begin, count, scratch)
+    if meetings >= 0:
+        _windings(count, events, corner, scratch)
+        if _least_winding(count, scratch) > 0.0:
+            return 1.0
+        if meetings == 0:
+            return _area_between(p, begin, end, top, left, corner, scratch)
     area = 0.0
-    if end - begin > EXACT_PIECES:
+    if count > EXACT_PIECES:
         for i in range(SLABS):
-            area += _width(end - begin, events, (i + 0.5) / SLABS, corner, scratch)
+            area += _width(count, events, (i + 0.5) / SLABS, corner, scratch)
         return area / SLABS
-    if not _meet(p, begin, end - begin, scratch):
-        return _area_between(p, begin, end, top, left, events, corner, scratch)
     heights = scratch[0]
     n = _heights(p, begin, end, top, heights)
     for i in range(n - 1):
         y = 0.5 * ((heights[i] - top) + (heights[i + 1] - top))
-        area += _width(end - begin, events, y, corner, scratch) * (heights[i + 1] - heights[i])
+        area += _width(count, events, y, corner, scratch) * (heights[i + 1] - heights[i])
     return area
 
 
@@ -253,7 +298,7 @@ def gather(pieces, pixels, x0, y0, state, doubtful, number, offsets, owner, own)
 def resolve(pieces, offsets, most, doubtful, sums, columns, mask, x0, y0):
     """Replace the mask of every doubtful pixel by its covered area. sums: flat, `columns` numbers a row; the rest as `gather`."""
     few = min(most, EXACT_PIECES)
-    scratch = np.empty((10, max(2 * most + 1, 2 + 2 * few + few * few)))
+    scratch = np.empty((12, max(2 * most + 1, 2 + 2 * few + few * few)))
     for d in range(doubtful.shape[0]):
         row, column = doubtful[d] // columns, doubtful[d] % columns
         left, top = np.float64(x0 + column), np.float64(y0 + row)
