@@ -14,8 +14,8 @@ from numba import njit
 
 from geometry.topology import directed_edges, face_normals
 
-CREASE_ANGLE = math.radians(50.0)
-"""An edge that turns by more is a crease. Above the 45 degrees of an eight-sided cylinder, below the 60 of a six-sided one."""
+CREASE_ANGLE = math.radians(40.0)
+"""An edge that turns by more is a crease. Below the 45 degrees of a chamfer, above the 36 of a ten-sided cylinder."""
 
 
 @dataclass(frozen=True)
