@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from geometry.topology import directed_edges, face_normals
+from geometry.topology import corner_normals, directed_edges, face_normals
+from geometry.union_find import find_root
 
 CREASE_ANGLE = math.radians(40.0)
 """An edge that turns by more is a crease. Below the 45 degrees of a chamfer, above the 36 of a ten-sided cylinder."""
@@ -55,16 +56,8 @@ def shading_normals(positions: np.ndarray, faces: np.ndarray, crease_angle: floa
     number = np.empty(len(roots), np.int32)
     number[rank] = np.arange(len(roots), dtype=np.int32)
     corner = number[np.searchsorted(roots, group)].reshape(-1, 3)
-    normals = _summed(p, faces, unit, corner, len(roots))
+    normals = corner_normals(p, faces, corner, len(roots))
     return ShadingNormals(normals, vertex[first][rank].astype(np.int32), corner)
-
-
-@njit(cache=True)
-def _root(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @njit(cache=True)
@@ -83,22 +76,9 @@ def _smooth_groups(order, key, unit, least_cosine):
             cosine = unit[f, 0] * unit[e, 0] + unit[f, 1] * unit[e, 1] + unit[f, 2] * unit[e, 2]
             if cosine >= least_cosine:
                 h_end, g_end = 3 * f + (h + 1 - 3 * f) % 3, 3 * e + (g + 1 - 3 * e) % 3
-                parent[_root(parent, h)] = _root(parent, g_end)
-                parent[_root(parent, h_end)] = _root(parent, g)
+                parent[find_root(parent, h)] = find_root(parent, g_end)
+                parent[find_root(parent, h_end)] = find_root(parent, g)
         i = j
     for c in range(corners):
-        parent[c] = _root(parent, c)
+        parent[c] = find_root(parent, c)
     return parent
-
-
-def _summed(p: np.ndarray, faces: np.ndarray, unit: np.ndarray, corner: np.ndarray, count: int) -> np.ndarray:
-    total = np.zeros((count, 3))
-    for k in range(3):
-        u, v = p[faces[:, (k + 1) % 3]] - p[faces[:, k]], p[faces[:, (k + 2) % 3]] - p[faces[:, k]]
-        angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
-        for axis in range(3):
-            total[:, axis] += np.bincount(corner[:, k], unit[:, axis] * angle, minlength=count)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    normals = np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
-    normals[length[:, 0] <= 1e-12] = (0.0, 0.0, 1.0)
-    return normals.astype(np.float32)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from geometry.union_find import find_root
+
 
 @dataclass(frozen=True)
 class EdgeTable:
@@ -67,28 +69,20 @@ def build_edges(faces: np.ndarray) -> EdgeTable:
 
 
 @njit(cache=True)
-def _find(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@njit(cache=True)
 def face_components(faces, vertex_count):
     """(labels (f,) i4, count): components of faces that share vertices, numbered in order of their first face."""
     parent = np.arange(vertex_count)
     for f in range(faces.shape[0]):
-        a = _find(parent, faces[f, 0])
+        a = find_root(parent, faces[f, 0])
         for k in range(1, 3):
-            b = _find(parent, faces[f, k])
+            b = find_root(parent, faces[f, k])
             if a != b:
                 parent[b] = a
     number = np.full(vertex_count, -1, np.int32)
     labels = np.empty(faces.shape[0], np.int32)
     count = 0
     for f in range(faces.shape[0]):
-        root = _find(parent, faces[f, 0])
+        root = find_root(parent, faces[f, 0])
         if number[root] < 0:
             number[root] = count
             count += 1
@@ -115,15 +109,23 @@ def face_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(v, 3) f4 unit angle-weighted normals; +z where a vertex has no face with area or its faces cancel."""
+    return corner_normals(positions, faces, faces, len(positions))
+
+
+def corner_normals(positions: np.ndarray, faces: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """(count, 3) f4 unit: row i is the sum of the normals of the corners with rows[f, k] == i, weighted by their angles.
+
+    +z where there are none, or they cancel. rows: (f, 3) i4.
+    """
     p = np.asarray(positions, np.float64)
     normal = face_normals(p, faces)
-    total = np.zeros((len(p), 3))
+    total = np.zeros((count, 3))
     for k in range(3):
         u = p[faces[:, (k + 1) % 3]] - p[faces[:, k]]
         v = p[faces[:, (k + 2) % 3]] - p[faces[:, k]]
         angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
         for axis in range(3):
-            total[:, axis] += np.bincount(faces[:, k], normal[:, axis] * angle, minlength=len(p))
+            total[:, axis] += np.bincount(rows[:, k], normal[:, axis] * angle, minlength=count)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     unit = np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
     unit[length[:, 0] <= 1e-12] = (0.0, 0.0, 1.0)

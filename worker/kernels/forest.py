@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from geometry.union_find import find_root
 from worker.kernels.cones import ALWAYS_FRONT, EYE_RADIUS, UNRELIABLE, fit_cones, miss_probability
 
 CONE_COST = 4.0 / 3.0  # k_a, of testing a node's cones
@@ -63,14 +64,6 @@ class Forest(NamedTuple):
     heap: np.ndarray  # (l,) i4 links
     seen: np.ndarray  # (2^k,) i8 direct-mapped memory of pairs that are in the heap
     counters: np.ndarray  # (4,) i8
-
-
-@njit(cache=True, inline="always")
-def _find(owner, i):
-    while owner[i] != i:
-        owner[i] = owner[owner[i]]
-        i = owner[i]
-    return i
 
 
 @njit(cache=True)
@@ -334,7 +327,7 @@ def grow(forest, rounds):
         if size == 0:
             break
         link = forest.heap[0]
-        a, b = _find(forest.owner, forest.links[link, 0]), _find(forest.owner, forest.links[link, 1])
+        a, b = find_root(forest.owner, forest.links[link, 0]), find_root(forest.owner, forest.links[link, 1])
         keep = False
         if a != b:
             if forest.uid[a] == forest.link_uid[link, 0] and forest.uid[b] == forest.link_uid[link, 1]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from geometry.union_find import find_root
+
 
 @njit(cache=True)
 def _root(parent, parity, i):
@@ -48,14 +50,6 @@ def directions(pairs, differ, hard, face_count):
 
 
 @njit(cache=True)
-def _find(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@njit(cache=True)
 def fans(mates):
     """(3 f,) a number shared by the corners of one fan: those joined across paired half-edges. mates (3 f,) i8 or -1."""
     n = len(mates)
@@ -64,13 +58,13 @@ def fans(mates):
         g = mates[h]
         if g > h:
             h_end, g_end = h - h % 3 + (h + 1) % 3, g - g % 3 + (g + 1) % 3
-            a, b = _find(parent, h), _find(parent, g_end)
+            a, b = find_root(parent, h), find_root(parent, g_end)
             if a != b:
                 parent[max(a, b)] = min(a, b)
-            a, b = _find(parent, h_end), _find(parent, g)
+            a, b = find_root(parent, h_end), find_root(parent, g)
             if a != b:
                 parent[max(a, b)] = min(a, b)
     fan = np.empty(n, np.int64)
     for c in range(n):
-        fan[c] = _find(parent, c)
+        fan[c] = find_root(parent, c)
     return fan
