@@ -106,15 +106,16 @@ def make_environment() -> None:
 def install_packages(lock: str) -> None:
     """The locked packages with their hashes, and the project itself."""
     lock_file = ROOT / "requirements" / f"{lock}.lock"
-    state = hashlib.sha256(lock_file.read_bytes() + (ROOT / "pyproject.toml").read_bytes()).hexdigest() + lock
+    wanted = (*sorted((ROOT / "requirements").glob("*.lock")), ROOT / "pyproject.toml")
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in wanted)).hexdigest()
     installed = STAMP.read_text() if STAMP.exists() else ""
-    if installed == state or (lock == "run" and installed == state[:-3] + "dev"):
+    if installed in (f"{digest} {lock}", f"{digest} dev"):  # the lock for work holds all of the other
         return
     say(f"installing the packages of {lock_file.relative_to(ROOT)}")
     pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     run(*pip, "--require-hashes", "-r", lock_file)
     run(*pip, "--no-deps", "--no-build-isolation", "--editable", ROOT, quiet=True)
-    STAMP.write_text(state)
+    STAMP.write_text(f"{digest} {lock}")
 
 
 def compile_kernels() -> None:
