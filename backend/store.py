@@ -191,7 +191,9 @@ class Store:
         if folder == self.root or folder.is_dir():
             return
         self._make_folder(folder.parent)
-        folder.mkdir(exist_ok=True)
+        # not mkdir(exist_ok=True): that raises FileExistsError when the folder was there and is pruned a moment later
+        with suppress(FileExistsError):
+            folder.mkdir()
         _sync_folder(folder.parent)
 
     def _prune(self, folder: Path) -> None:

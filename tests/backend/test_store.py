@@ -149,6 +149,21 @@ def test_putting_and_pruning_the_same_folder_at_once_loses_nothing(store):
     assert not failures
 
 
+def test_a_folder_that_another_process_makes_and_prunes_meanwhile_loses_nothing(store, monkeypatch):
+    mkdir, others = Path.mkdir, []
+
+    def made_and_pruned_by_another(path, *arguments, **options):
+        if path.name == "shared" and not others:
+            others.append(path)
+            raise FileExistsError(path)  # it was there when this process asked, and is gone again
+        mkdir(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "mkdir", made_and_pruned_by_another)
+    assert store.put_bytes("meshes/shared/a", b"x")
+    assert others
+    assert store.get_bytes("meshes/shared/a") == b"x"
+
+
 def test_an_interrupted_stream_leaves_nothing(store):
     with pytest.raises(RuntimeError, match="client left"), store.temporary() as file:
         file.write(b"half")
