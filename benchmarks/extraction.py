@@ -2,7 +2,7 @@
 
     python -m benchmarks.extraction MESH [--eyes 200] [--json]
 
-MESH is a file, or `knot`: the generated torus knot of 185,856 faces. Eyes are perspective, in random directions, between 1.5
+MESH is a file or a name that `benchmarks.models` knows. Eyes are perspective, in random directions, between 1.5
 and 4 radii from the centre; figures are medians over them. `brute_scalar_us` tests both stored planes of every edge, one edge
 at a time; `brute_simd_us` is SIMD facing bits, then a scan of the edges. `tested_edges` and `tested_nodes` are what
 `tree_us` tests, eight at a time; `stored_edges` and `stored_nodes` what a walk of the stored forest would test one at a time,
@@ -12,22 +12,22 @@ edges; as many orthographic eyes as a tenth of `--eyes` are checked too.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
 
+from benchmarks.models import mesh_file
+from benchmarks.report import mesh_parser, report
 from client.shapes import torus_knot
 from geometry.silhouettes import FacePlanes, face_planes, silhouette_edgewise, silhouette_scalar, silhouette_simd
 from geometry.topology import EdgeTable, build_edges
 from schemas.conventions import F4, F8, I4, Frame
 from schemas.mesh import PreprocessOptions
 from service.silhouette.extract import SilhouetteTree
+from worker.load import load_mesh
 from worker.tree import Tree, build_tree
 
 NEAREST, FARTHEST = 1.5, 4.0  # radii
@@ -36,12 +36,8 @@ ROUNDS = 3  # timings of an eye; the least counts
 
 def read(mesh: str) -> tuple[F4, I4, EdgeTable]:
     """Positions in the normalised frame, faces, edges."""
-    if mesh == "knot":
-        vertices, faces = torus_knot()
-        return Frame.around(vertices).to_normalised(vertices).astype(np.float32), faces, build_edges(faces)
-    from worker.load import load_mesh
-
-    loaded = load_mesh(Path(mesh), Path(mesh).suffix, PreprocessOptions())
+    with mesh_file(mesh) as path:
+        loaded = load_mesh(path, path.suffix, PreprocessOptions())
     if loaded.edges is None:
         raise SystemExit(f"this mesh has no silhouette tree: {loaded.clip.reason}")
     return loaded.positions, loaded.faces, loaded.edges
@@ -145,18 +141,16 @@ def _counts(tree: SilhouetteTree, stored: Tree, eye: F8) -> tuple[int, ...]:
     return len(found.edges), found.tested_edges, found.tested_nodes, edges, nodes
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.extraction", description="Silhouette extraction against brute force.")
-    parser.add_argument("mesh", help="a mesh file, or `knot`")
-    parser.add_argument("--eyes", type=int, default=200)
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
-    arguments = parser.parse_args()
-    row = measure(arguments.mesh, arguments.eyes)
-    if arguments.json:
-        print(json.dumps(row))
-        return
+def print_table(row: dict[str, Any]) -> None:
     for key, value in row.items():
         print(f"{key:>18}  {value}")
+
+
+def main() -> None:
+    parser = mesh_parser(__doc__ or "")
+    parser.add_argument("--eyes", type=int, default=200)
+    arguments = parser.parse_args()
+    report(lambda: measure(arguments.mesh, arguments.eyes), arguments.json, print_table)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python -m benchmarks.frame MESH --size 512 [--views 20] [--json]
 
-MESH is a file, or `knot`: the generated torus knot of 185,856 faces. Its hull, maps and tree are made first, in this process.
+MESH is a file or a name that `benchmarks.models` knows. Its hull, maps and tree are made first, in this process.
 All rungs are drawn in turn in the same run, view by view; times are medians, from the resolved request to pixels in memory,
 readback included, encoding apart. `passes` are those of the coverage rung with a wait after each (a frame without the waits
 is faster than their sum). `outline` compares the alpha of `coverage` with the original drawn binary at 16 x 16 times the
@@ -12,10 +12,7 @@ off by more than 0.02 (a sliver along a pixel's border can lie between the sampl
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
-import tempfile
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -23,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from client.shapes import torus_knot, write_ply
+from benchmarks.models import mesh_file
+from benchmarks.report import mesh_parser, report
 from schemas.conventions import F8
 from schemas.mesh import PreprocessOptions
 from schemas.render import MAX_SIDE_PX, Accuracy, Antialias, ImageFormat, Orbit, OrbitCamera, RenderRequest, Shading, ShadingMode, Source
@@ -143,11 +141,13 @@ def outline_error(gpu: Gpu, asset: MeshAsset, views: int, side: int) -> dict[str
     }
 
 
-def run(path: Path, side: int, views: int) -> dict[str, Any]:
-    asset = prepare(path, PreprocessOptions())
+def run(mesh: str, side: int, views: int) -> dict[str, Any]:
+    with mesh_file(mesh) as path:
+        asset = prepare(path, PreprocessOptions())
     gpu = Gpu(1024)
     try:
-        result = {"mesh": path.name, "faces": len(asset.faces), "hull_faces": len(asset.hull["faces"]) if asset.hull else 0, "size": side}
+        faces = {"faces": len(asset.faces), "hull_faces": len(asset.hull["faces"]) if asset.hull else 0}
+        result = {"mesh": Path(mesh).name, **faces, "size": side}
         result |= {"renderer": gpu.ctx.info["GL_RENDERER"]} | frame_times(gpu, asset, views, side)
         result["outline"] = outline_error(gpu, asset, views, side)
     finally:
@@ -169,22 +169,11 @@ def print_table(result: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("mesh", help="a mesh file, or knot")
+    parser = mesh_parser(__doc__ or "")
     parser.add_argument("--size", type=int, default=512, help="pixels along each side")
     parser.add_argument("--views", type=int, default=20)
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(arguments.mesh)
-        if arguments.mesh == "knot":
-            path = Path(folder) / "knot.ply"
-            write_ply(str(path), *torus_knot())
-        result = run(path, arguments.size, arguments.views)
-    if arguments.json:
-        print(json.dumps(result))
-    else:
-        print_table(result)
+    report(lambda: run(arguments.mesh, arguments.size, arguments.views), arguments.json, print_table)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python -m benchmarks.hull MESH --faces 500,1000 --out DIR [--json]
 
-MESH is a file, or `knot`: the generated torus knot of 185,856 faces. Kernels are warm. `seconds` is the median time of making
+MESH is a file or a name that `benchmarks.models` knows. Kernels are warm. `seconds` is the median time of making
 the hull, the whole sequence included; `volume_excess` is relative to the original's volume; `enclosed` says that every vertex of
 the original that bounds interior, and random such points of its faces, have a winding number of at least 1 in the hull or are
 on its surface. DIR/hull_<faces_requested>.ply has the hull in the original's coordinates.
@@ -10,17 +10,16 @@ on its surface. DIR/hull_<faces_requested>.ply has the hull in the original's co
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from client.shapes import torus_knot, write_ply
+from benchmarks.models import mesh_file
+from benchmarks.report import mesh_parser, report
+from client.shapes import torus_knot
 from schemas.conventions import F4, I4, Frame
 from schemas.mesh import PreprocessOptions
 from tests.oracles_hull import surface_points, uncovered
@@ -75,13 +74,14 @@ def measure(mesh: LoadedMesh, max_faces: int, out: Path) -> dict[str, Any]:
     }
 
 
-def run(path: Path, counts: list[int], out: Path) -> dict[str, Any]:
-    mesh = load_mesh(path, path.suffix, PreprocessOptions())
+def run(name: str, counts: list[int], out: Path) -> dict[str, Any]:
+    with mesh_file(name) as path:
+        mesh = load_mesh(path, path.suffix, PreprocessOptions())
     if not mesh.clip.available:
         raise SystemExit(f"this mesh has no hull: {mesh.clip.reason}")
     out.mkdir(parents=True, exist_ok=True)
     return {
-        "mesh": path.name,
+        "mesh": Path(name).name,
         "vertices": len(mesh.positions),
         "faces": len(mesh.faces),
         "hulls": [measure(mesh, count, out) for count in counts],
@@ -97,24 +97,13 @@ def print_table(result: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("mesh", help="a mesh file, or knot")
+    parser = mesh_parser(__doc__ or "")
     parser.add_argument("--faces", default="500,1000", help="face counts, separated by commas")
     parser.add_argument("--out", type=Path, required=True, help="folder for the hulls")
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     counts = [int(count) for count in arguments.faces.split(",")]
     warm_up()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(arguments.mesh)
-        if arguments.mesh == "knot":
-            path = Path(folder) / "knot.ply"
-            write_ply(str(path), *torus_knot())
-        result = run(path, counts, arguments.out)
-    if arguments.json:
-        print(json.dumps(result))
-    else:
-        print_table(result)
+    report(lambda: run(arguments.mesh, counts, arguments.out), arguments.json, print_table)
 
 
 if __name__ == "__main__":

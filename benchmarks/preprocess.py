@@ -2,15 +2,13 @@
 
     python -m benchmarks.preprocess MESH [--hull-faces 1000] [--texels 1024] [--json]
 
-MESH is a file, or `knot`: the generated torus knot of 185,856 faces. Every stage runs in a process of its own, as in the
+MESH is a file or a name that `benchmarks.models` knows. Every stage runs in a process of its own, as in the
 workers, that has first run it on a small mesh: kernels are warm. `peak_mib` is what that process had resident at most,
 interpreter and libraries included. `two_core_seconds` is the time of hull -> bake and of the tree side by side.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import multiprocessing
 import resource
 import tempfile
@@ -22,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.models import mesh_file
+from benchmarks.report import mesh_parser, report
 from client.shapes import torus_knot, write_ply
 from schemas.mesh import DEFAULT_HULL_FACES, DEFAULT_TEXELS, PreprocessOptions
 
@@ -154,11 +154,7 @@ def side_by_side(at: Workplace, *lines: list[str]) -> tuple[float, list[Values]]
 
 
 def run(mesh: str, hull_faces: int, texels: int) -> Values:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(mesh)
-        if mesh == "knot":
-            path = Path(folder) / "knot.ply"
-            write_ply(str(path), *torus_knot())
+    with tempfile.TemporaryDirectory() as folder, mesh_file(mesh) as path:
         at = Workplace(Path(folder), path, hull_faces, texels)
         stages, facts = [], {}
         for name in STAGES:
@@ -177,23 +173,21 @@ def run(mesh: str, hull_faces: int, texels: int) -> Values:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("mesh", help="a mesh file, or `knot`")
-    parser.add_argument("--hull-faces", type=int, default=DEFAULT_HULL_FACES)
-    parser.add_argument("--texels", type=int, default=DEFAULT_TEXELS)
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
-    options = parser.parse_args()
-    result = run(options.mesh, options.hull_faces, options.texels)
-    if options.json:
-        print(json.dumps(result))
-        return
+def print_table(result: Values) -> None:
     missed = f"{result['missed_texels']} of {result['texels']} texels missed"
     print(f"{result['mesh']}: {result['faces']} faces, hull of {result['hull_faces']}, {missed}")
     for stage in result["stages"]:
         print(f"  {stage['name']:<8}{stage['seconds']:9.2f} s {stage['peak_mib']:9.0f} MiB")
     print(f"  {'total':<8}{result['total_seconds']:9.2f} s {result['peak_mib']:9.0f} MiB")
     print(f"  hull -> bake beside tree, two processes: {result['two_core_seconds']:.2f} s")
+
+
+def main() -> None:
+    parser = mesh_parser(__doc__ or "")
+    parser.add_argument("--hull-faces", type=int, default=DEFAULT_HULL_FACES)
+    parser.add_argument("--texels", type=int, default=DEFAULT_TEXELS)
+    options = parser.parse_args()
+    report(lambda: run(options.mesh, options.hull_faces, options.texels), options.json, print_table)
 
 
 if __name__ == "__main__":

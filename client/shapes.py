@@ -50,6 +50,61 @@ def torus_knot(along: int = KNOT_ALONG, around: int = KNOT_AROUND, p: int = 2, q
     return tube(curve, 0.45, around)
 
 
+HOLES_LEVELS = 5
+"""Its 92 quads, split five times and halved: 2 * 92 * 4^5 = 188,416 faces, as Holes3 of Silhouette Clipping, Table 1."""
+
+
+def three_holed_torus(levels: int = HOLES_LEVELS) -> tuple[Vertices, Faces]:
+    """Smooth surface of genus 3, three holes in a row: 184 * 4^levels faces, a Catmull-Clark subdivision of a pierced slab."""
+    vertices, quads = _pierced_slab()
+    for _ in range(levels):
+        vertices, quads = catmull_clark(vertices, quads)
+    faces = np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+    return vertices, np.ascontiguousarray(faces, np.int32)
+
+
+def _pierced_slab() -> tuple[Vertices, Faces]:
+    """A slab of 10 x 3 x 1 boxes without three pairs of them: 88 vertices, 92 outward quads.
+
+    Seen from above, o is a hole:   . . . . . . . . . .
+                                    . o o . o o . o o .
+                                    . . . . . . . . . .
+    """
+    solid = np.ones((10, 3), bool)
+    solid[[1, 2, 4, 5, 7, 8], 1] = False
+    padded = np.pad(solid, 1)
+    corner = np.arange(11 * 4 * 2).reshape(11, 4, 2)
+    quads = []
+    for i, j in np.argwhere(solid):
+        a, b, c, d = ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1))
+        quads += [[corner[(*p, 1)] for p in (a, b, c, d)], [corner[(*p, 0)] for p in (d, c, b, a)]]
+        for start, end, x, y in ((a, b, i, j - 1), (b, c, i + 1, j), (c, d, i, j + 1), (d, a, i - 1, j)):
+            if not padded[x + 1, y + 1]:
+                quads.append([corner[(*start, 0)], corner[(*end, 0)], corner[(*end, 1)], corner[(*start, 1)]])
+    x, y, z = np.meshgrid(np.arange(11.0) - 5.0, [-2.0, -1.0, 1.0, 2.0], [-0.7, 0.7], indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()]), np.array(quads, np.int32)
+
+
+def catmull_clark(vertices: Vertices, quads: Faces) -> tuple[Vertices, Faces]:
+    """One level of Catmull and Clark (1978) of a closed mesh: (v, 3) and (q, 4) give v + edges + q vertices and 4 q quads."""
+    v, q = len(vertices), len(quads)
+    ends = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    edges, edge = np.unique(ends, axis=0, return_inverse=True)
+    edge = edge.reshape(q, 4)  # of corner k to corner k + 1
+    middles = vertices[quads].mean(axis=1)
+    beside = np.zeros((len(edges), 3))
+    np.add.at(beside, edge, middles[:, None])
+    halves = vertices[edges].sum(axis=1)
+    valence, around, spokes = np.zeros((v, 1)), np.zeros((v, 3)), np.zeros((v, 3))
+    np.add.at(valence, edges, 1.0)
+    np.add.at(around, quads, middles[:, None])
+    np.add.at(spokes, edges, halves[:, None] / 2.0)
+    moved = (around / valence + 2.0 * spokes / valence + (valence - 3.0) * vertices) / valence
+    along, across, centre = v + edge, v + np.roll(edge, 1, axis=1), np.repeat(v + len(edges) + np.arange(q), 4).reshape(q, 4)
+    split = np.stack([quads, along, centre, across], axis=-1).reshape(-1, 4)
+    return np.concatenate([moved, (halves + beside) / 4.0, middles]), split.astype(np.int32)
+
+
 def write_ply(path: str, vertices: npt.ArrayLike, faces: npt.ArrayLike) -> None:
     """Write a binary little-endian PLY with float32 positions."""
     v = np.asarray(vertices, "<f4")
