@@ -1,6 +1,6 @@
 """Layout of the artifact files: safetensors layout, little-endian, C order. All positions are in the normalised frame.
 
-v vertices, f faces, e edges of the original; hv, hf of the hull; n tree nodes; c collapses.
+v vertices, f faces, e edges of the original; hv, hf of the hull; n tree nodes; s steps, l levels.
 
 An artifact is described by a table: tensor -> (dtype, shape); a dimension is a number (fixed) or a letter (bound to the
 same value everywhere in the file). A name in `optional` may be absent.
@@ -64,10 +64,12 @@ HULL = Layout(
 HULL_SEQUENCE = Layout(
     "hull_sequence.safetensors",
     {
-        # Collapse k moves vertex collapse_vertices[k, 0] to collapse_positions[k] and merges [k, 1] into it. Replaying the
-        # first m on the original gives the hull with f - 2 m faces.
-        "collapse_vertices": ("<i4", ("c", 2)),
-        "collapse_positions": ("<f4", ("c", 3)),
+        # Steps of `geometry.hull_sequence`: collapses, moves and flips, each a row; every prefix is a hull.
+        "step_vertices": ("<i4", ("s", 2)),
+        "step_positions": ("<f4", ("s", 3)),
+        # Hulls that were shrunk: after the first level_steps[i] steps there are level_faces[i] faces, in falling order.
+        "level_faces": ("<i4", ("l",)),
+        "level_steps": ("<i4", ("l",)),
     },
 )
 

@@ -145,7 +145,8 @@ def hull(inputs: Inputs) -> Result:
     mesh = inputs.tensors(artifacts.MESH)
     made = build_hull(mesh["positions"], mesh["faces"], inputs.accepted.options.hull_faces, inputs.progress)
     hull_tensors: Tensors = {"positions": made.positions, "faces": made.faces, "normals": hull_normals(made.positions, made.faces)}
-    sequence: Tensors = {"collapse_vertices": made.collapse_vertices, "collapse_positions": made.collapse_positions}
+    parts = ("step_vertices", "step_positions", "level_faces", "level_steps")
+    sequence: Tensors = {part: getattr(made, part) for part in parts}
     report = {"faces": len(made.faces), "volume_excess": min(made.volume_excess, sys.float_info.max)}
     return Result(report, [(artifacts.HULL, hull_tensors), (artifacts.HULL_SEQUENCE, sequence)])
 

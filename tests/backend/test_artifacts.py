@@ -28,6 +28,15 @@ def mesh_tensors(edges=True):
     return tensors
 
 
+def sequence_tensors(steps):
+    return {
+        "step_vertices": np.zeros((steps, 2), np.int32),
+        "step_positions": np.zeros((steps, 3), np.float32),
+        "level_faces": np.zeros(1, np.int32),
+        "level_steps": np.zeros(1, np.int32),
+    }
+
+
 @pytest.fixture
 def written(store):
     digest = write_artifact(store, MESH_ID, MESH, mesh_tensors(), IDENTITY)
@@ -74,10 +83,10 @@ def test_equal_tensors_give_equal_bytes_and_hash(store, written):
 def test_optional_tensors_may_be_absent_and_empty_ones_are_kept(store):
     write_artifact(store, MESH_ID, MESH, mesh_tensors(edges=False), IDENTITY)
     assert "edge_faces" not in open_artifact(store.local_path(keys.artifact(MESH_ID, MESH.file)), MESH)
-    none = {"collapse_vertices": np.empty((0, 2), np.int32), "collapse_positions": np.empty((0, 3), np.float32)}
+    none = sequence_tensors(0)
     write_artifact(store, MESH_ID, HULL_SEQUENCE, none, IDENTITY)
     opened = open_artifact(store.local_path(keys.artifact(MESH_ID, HULL_SEQUENCE.file)), HULL_SEQUENCE, verify=True)
-    assert opened["collapse_positions"].shape == (0, 3)
+    assert opened["step_positions"].shape == (0, 3)
 
 
 def test_tensors_of_mixed_width_are_aligned(store):
@@ -114,7 +123,7 @@ def test_tensors_that_do_not_fit_the_layout_are_not_written(store, change):
 
 def test_no_room_while_writing_leaves_nothing(small_disk):
     store = Store(small_disk / "store")
-    large = {"collapse_vertices": np.zeros((1 << 17, 2), np.int32), "collapse_positions": np.zeros((1 << 17, 3), np.float32)}
+    large = sequence_tensors(1 << 17)
     with pytest.raises(StorageFullError):
         write_artifact(store, MESH_ID, HULL_SEQUENCE, large, IDENTITY)
     assert [path for path in small_disk.rglob("*") if path.is_file() and ".locks" not in path.parts] == []

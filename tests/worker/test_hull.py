@@ -8,11 +8,12 @@ import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from geometry.hull_sequence import cut_hull, replay_steps
 from geometry.topology import NotManifoldError, build_edges, face_components, face_normals, signed_volume
 from schemas.errors import CancelledError
 from tests.meshes import bumpy_sphere, cube, joined, knot, normalised, shared, sphere, torus
 from tests.oracles_hull import surface_points, uncovered, winding_numbers
-from worker.hull import UNREACHED_EXCESS, build_hull, cut_hull
+from worker.hull import UNREACHED_EXCESS, build_hull
 
 
 def quiet(_fraction: float) -> None:
@@ -25,7 +26,7 @@ def hull_of(mesh, max_faces):
 
 
 def cut(positions, faces, hull, max_faces):
-    return cut_hull(positions, faces, hull.collapse_vertices, hull.collapse_positions, max_faces)
+    return cut_hull(positions, faces, hull.step_vertices, hull.step_positions, max_faces)
 
 
 def rotated(mesh, seed=0):
@@ -44,7 +45,7 @@ def assert_every_collapse_moves_outwards(positions, faces, hull):
     """Exact arithmetic: the invariant from which enclosure follows."""
     p = np.array(positions, np.float32)
     live = [list(f) for f in faces.tolist()]
-    for (a, b), v in zip(hull.collapse_vertices.tolist(), hull.collapse_positions, strict=True):
+    for (a, b), v in zip(hull.step_vertices.tolist(), hull.step_positions, strict=True):
         around = [f for f in live if a in f or b in f]
         assert any(a in f and b in f for f in around)
         assert all(plane_side(p, f, v) >= 0 for f in around)
@@ -163,7 +164,7 @@ def test_a_hull_larger_than_the_mesh_is_the_mesh():
 def test_a_tetrahedron_stays_what_it_is():
     mesh = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     positions, faces, hull = hull_of(mesh, 1)
-    assert len(hull.collapse_vertices) == 0
+    assert len(hull.step_vertices) == 0
     assert np.array_equal(hull.faces, faces)
     assert np.array_equal(hull.positions, positions)
 
@@ -173,7 +174,7 @@ def test_a_count_that_cannot_be_reached_gives_a_tight_hull_and_the_whole_sequenc
     assert hull.volume_excess <= UNREACHED_EXCESS
     assert 20 <= len(hull.faces) < len(faces) / 4
     fewest = assert_sound(positions, faces, hull, 10)[1]
-    assert len(fewest) == len(faces) - 2 * len(hull.collapse_vertices)
+    assert len(fewest) == len(faces) - 2 * len(hull.step_vertices)
     assert 20 <= len(fewest) < len(hull.faces)
 
 
@@ -232,15 +233,18 @@ def test_vertices_where_two_sheets_touch_are_left_alone():
     east, west = int(np.argmax(a[0][:, 0])), len(a[0]) + int(np.argmin(b[0][:, 0]))
     f = np.where(f == west, east, f).astype(np.int32)
     positions, faces, hull = hull_of((v, f), 40)
-    assert east not in hull.collapse_vertices
+    assert east not in hull.step_vertices
     assert_every_collapse_moves_outwards(positions, faces, hull)
 
 
 def test_cutting_again_gives_the_same_hull_at_every_size():
     positions, faces, hull = hull_of(bumpy_sphere(3), 100)
     again = build_hull(positions, faces, 100, quiet)
-    assert np.array_equal(again.collapse_positions, hull.collapse_positions)
+    assert np.array_equal(again.step_positions, hull.step_positions)
     assert np.array_equal(cut(positions, faces, hull, 100)[0], hull.positions)
+    level = replay_steps(positions, faces, hull.step_vertices, hull.step_positions, int(hull.level_steps[0]))
+    assert np.array_equal(level[0], hull.positions)
+    assert hull.level_faces.tolist() == [len(level[1])]
     volumes = [signed_volume(*cut(positions, faces, hull, n)) for n in range(len(faces), 20, -50)]
     assert np.all(np.diff(volumes) >= -1e-12)
 
@@ -259,6 +263,21 @@ def test_progress_rises_to_one_and_cancelling_stops():
 
     with pytest.raises(CancelledError):
         build_hull(positions, faces, 100, cancel)
+
+
+@pytest.mark.parametrize("name", ["sphere", "bumpy sphere", "torus", "cube"])
+def test_an_inner_hull_is_enclosed_by_the_original(name):
+    positions, faces, _ = normalised(MESHES[name])
+    inner = build_hull(positions, faces, 120, quiet, side="inner")
+    assert 4 <= len(inner.faces) <= 120
+    build_edges(inner.faces)
+    assert inner.volume_excess <= 0.0
+    expected = signed_volume(inner.positions, inner.faces) / signed_volume(positions, faces) - 1.0
+    assert inner.volume_excess == pytest.approx(expected, abs=1e-9)
+    points = np.random.default_rng(2).uniform(-1, 1, (4000, 3))
+    assert np.all(winding_numbers(inner.positions, inner.faces, points) <= winding_numbers(positions, faces, points) + 1e-6)
+    cut_again = cut_hull(positions, faces, inner.step_vertices, inner.step_positions, 120)
+    assert np.array_equal(cut_again[1], inner.faces)
 
 
 def test_an_open_mesh_is_refused():
