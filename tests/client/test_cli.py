@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-COMMANDS = ("serve", "worker", "demo", "upload", "render", "silhouette", "list", "info", "delete")
+from client.cli import COMMANDS
 
 
 def silhouette(*arguments, url=None, **options):

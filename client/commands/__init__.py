@@ -1,0 +1,1 @@
+"""The commands of `silhouette`, by area; `client.cli` lists them."""

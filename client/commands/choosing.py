@@ -1,0 +1,45 @@
+"""Which service and which mesh a command is about."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from client.api import Client
+from client.commands.console import err
+from client.progress import upload_and_wait
+
+MESH_ID = re.compile(r"[0-9a-f]{4,32}")
+
+Url = Annotated[str, typer.Option("--url", envvar="SILHOUETTE_URL", help="Address of the service.")]
+MeshArgument = Annotated[
+    str, typer.Argument(metavar="ID|FILE", help="A mesh id, the beginning of one, or a file, which is uploaded first.")
+]
+IdArgument = Annotated[str, typer.Argument(metavar="ID", help="A mesh id or the beginning of one.")]
+
+
+@contextmanager
+def chosen(url: str, mesh: str) -> Iterator[tuple[Client, str]]:
+    """A client of the service at `url` and the id that `mesh` means there. Raises ValueError when it means none."""
+    with Client(url) as client:
+        yield client, mesh_id(client, mesh)
+
+
+def mesh_id(client: Client, mesh: str) -> str:
+    """The id meant: of a file that is uploaded first, or of the one mesh whose id begins so."""
+    path = Path(mesh)
+    if path.is_file():
+        return upload_and_wait(client, path, err).id
+    if len(mesh) == 32 or not MESH_ID.fullmatch(mesh):
+        if not MESH_ID.fullmatch(mesh):
+            raise ValueError(f"{mesh} is neither a file nor a mesh id; `silhouette list` shows the ids")
+        return mesh
+    found = [known.id for known in client.list() if known.id.startswith(mesh)]
+    if len(found) != 1:
+        raise ValueError(f"{'no mesh id begins' if not found else 'several mesh ids begin'} with {mesh}; `silhouette list` shows them")
+    return found[0]

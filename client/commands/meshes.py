@@ -1,0 +1,113 @@
+"""Commands about what the service keeps: upload, list, info, delete."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import orjson
+import typer
+from rich.table import Column, Table
+
+from client.api import DEFAULT_URL, Client
+from client.commands.choosing import IdArgument, Url, chosen
+from client.commands.console import err, escaped, out, print_json
+from client.progress import upload_and_wait
+from schemas.mesh import DEFAULT_HULL_FACES, DEFAULT_TEXELS, MeshInfo
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+
+
+def upload(
+    file: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="STL, OBJ, PLY, OFF, GLB or 3MF.")],
+    hull_faces: Annotated[int, typer.Option(help="Faces of the coarse hull that is drawn.")] = DEFAULT_HULL_FACES,
+    texels: Annotated[int, typer.Option(help="Longest side of the normal and colour maps.")] = DEFAULT_TEXELS,
+    no_repair: Annotated[bool, typer.Option("--no-repair", help="Take the mesh as it is: close no holes, turn no faces.")] = False,
+    no_wait: Annotated[bool, typer.Option("--no-wait", help="Return when the service has the bytes.")] = False,
+    as_json: AsJson = False,
+    url: Url = DEFAULT_URL,
+) -> None:
+    """Upload a mesh, wait until it is ready, and print its id.
+
+    `silhouette upload bunny.ply` or `ID=$(silhouette upload bunny.ply --hull-faces 500)`
+    """
+    options: dict[str, Any] = {"hull_faces": hull_faces, "texels": texels, "repair": "never" if no_repair else "auto"}
+    with Client(url) as client:
+        mesh = client.upload(file, **options) if no_wait else upload_and_wait(client, file, err, **options)
+    print_json(mesh) if as_json else print(mesh.id)
+
+
+def list_meshes(
+    limit: Annotated[int, typer.Option(min=1, help="At most so many, newest first.")] = 50, as_json: AsJson = False, url: Url = DEFAULT_URL
+) -> None:
+    """List the meshes of the service, newest first.
+
+    `silhouette list` or `silhouette list --json | jq -r '.[].id'`
+    """
+    with Client(url) as client:
+        meshes = list(client.list(limit))
+    if as_json:
+        print(orjson.dumps([mesh.model_dump(mode="json", exclude_none=True) for mesh in meshes]).decode())
+        return
+    table = Table(
+        Column("id", no_wrap=True, min_width=32),
+        "name",
+        "status",
+        "faces",
+        "hull",
+        Column("created", min_width=10),
+        box=None,
+        header_style="bold",
+    )
+    for mesh in meshes:
+        faces = f"{mesh.stats.faces:,}" if mesh.stats else ""
+        hull = f"{mesh.hull.faces:,}" if mesh.hull else ""
+        color = {"ready": "green", "failed": "red"}.get(mesh.status, "yellow")
+        table.add_row(mesh.id, mesh.name, f"[{color}]{mesh.status}", faces, hull, f"{mesh.created:%Y-%m-%d %H:%M}")
+    out.print(table if meshes else "No meshes yet. Upload one: silhouette upload FILE")
+
+
+def info(mesh: IdArgument, as_json: AsJson = False, url: Url = DEFAULT_URL) -> None:
+    """Say everything about a mesh: stages, measured facts, what it can do and what was repaired.
+
+    `silhouette info 3f2a91`
+    """
+    with chosen(url, mesh) as (client, mesh_id):
+        found = client.info(mesh_id)
+    if as_json:
+        print_json(found)
+        return
+    table = Table(box=None, show_header=False)
+    for name, value in _facts(found):
+        table.add_row(f"[dim]{name}", value)
+    out.print(table)
+
+
+def delete(mesh: IdArgument, url: Url = DEFAULT_URL) -> None:
+    """Remove a mesh and everything made from it; what is being done for it is cancelled.
+
+    `silhouette delete 3f2a91`
+    """
+    with chosen(url, mesh) as (client, mesh_id):
+        client.delete(mesh_id)
+
+
+def _facts(mesh: MeshInfo) -> list[tuple[str, str]]:
+    facts = [("id", mesh.id), ("name", mesh.name), ("status", str(mesh.status)), ("created", f"{mesh.created:%Y-%m-%d %H:%M:%S}")]
+    if mesh.error:
+        facts.append(("error", f"[red]{escaped(mesh.error.detail)}"))
+    if mesh.stats:
+        facts += [(name, _plain(value)) for name, value in mesh.stats if name != "bounds"]
+        facts.append(("bounds", " to ".join("({})".format(", ".join(f"{x:.6g}" for x in corner)) for corner in mesh.stats.bounds)))
+    if mesh.hull:
+        facts.append(("hull", f"{mesh.hull.faces:,} faces, {mesh.hull.volume_excess:.1%} more volume"))
+    for name, capability in mesh.capabilities.items():
+        facts.append((name, "yes" if capability.available else f"no: {capability.reason}"))
+    facts += [(f"stage {s.name}", f"{s.status} {'' if s.seconds is None else f'{s.seconds:.2f} s'}") for s in mesh.stages]
+    return facts + [(name.replace("_", " "), _plain(value)) for name, value in (mesh.repairs or {}).items() if value]
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:,}" if isinstance(value, int) else str(value)

@@ -1,0 +1,86 @@
+"""Commands about views: render, silhouette."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from client.api import DEFAULT_URL
+from client.commands.choosing import MeshArgument, Url, chosen
+from client.commands.console import write
+from client.commands.viewing import Azimuth, Elevation, Eye, Fov, Size, Target, by_suffix, camera_of, sides_of
+from schemas.render import Antialias, ImageFormat, ShadingMode, Source
+
+IMAGE_SUFFIXES = {
+    ".png": ImageFormat.PNG,
+    ".webp": ImageFormat.WEBP,
+    ".jpg": ImageFormat.JPEG,
+    ".jpeg": ImageFormat.JPEG,
+    ".raw": ImageFormat.RAW,
+}
+SILHOUETTE_SUFFIXES = {".json": "json", ".svg": "svg", ".bin": "binary"}
+
+
+def render(  # noqa: PLR0913 - the options of a command are its language
+    mesh: MeshArgument,
+    *,
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .png, .webp, .jpg or .raw; - for PNG to stdout.")],
+    azimuth: Azimuth = 30.0,
+    elevation: Elevation = 20.0,
+    eye: Eye = None,
+    target: Target = None,
+    fov: Fov = 45.0,
+    size: Size = "512",
+    background: Annotated[str, typer.Option(help="transparent or #rrggbb.")] = "transparent",
+    shading: Annotated[ShadingMode, typer.Option(help="How the surface is shaded.")] = ShadingMode.LAMBERT,
+    antialias: Annotated[
+        Antialias, typer.Option(help="How the outline is smoothed; msaa and ssaa need the original.")
+    ] = Antialias.COVERAGE,
+    source: Annotated[Source, typer.Option(help="Draw the clipped hull or the original mesh.")] = Source.AUTO,
+    url: Url = DEFAULT_URL,
+) -> None:
+    """Render a picture of a mesh.
+
+    `silhouette render bunny.ply -o bunny.png --azimuth 40 --size 800x600`
+
+    `silhouette render 3f2a91 -o - --eye 0,0,3 --background "#ffffff" | display`
+    """
+    width, height = sides_of(size)
+    fields = {
+        "camera": camera_of(azimuth, elevation, eye, target, fov),
+        "width": width,
+        "height": height,
+        "background": background,
+        "shading": {"mode": shading},
+        "accuracy": {"antialias": antialias, "source": source},
+        "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
+    }
+    with chosen(url, mesh) as (client, mesh_id):
+        picture = client.picture(mesh_id, **fields)
+    write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
+
+
+def silhouette(
+    mesh: MeshArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .svg, .json or .bin; - for JSON to stdout.")],
+    azimuth: Azimuth = 30.0,
+    elevation: Elevation = 20.0,
+    eye: Eye = None,
+    target: Target = None,
+    size: Size = "512",
+    url: Url = DEFAULT_URL,
+) -> None:
+    """Write the silhouette of a mesh as a drawing (SVG) or as edges and closed contours (JSON).
+
+    `silhouette silhouette bunny.ply -o bunny.svg --azimuth 40`
+
+    `silhouette silhouette 3f2a91 -o - | jq .edge_count`
+    """
+    width, height = sides_of(size)
+    form = by_suffix(output, SILHOUETTE_SUFFIXES, "json")
+    fields = {"camera": camera_of(azimuth, elevation, eye, target, 45.0), "project": {"width": width, "height": height}}
+    with chosen(url, mesh) as (client, mesh_id):
+        body = client.silhouette_document(mesh_id, form, **fields)
+    write(output, body, f"{len(body) / 1024:.1f} KiB")
