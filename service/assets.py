@@ -106,6 +106,17 @@ class MeshAsset:
             return np.empty((0, 4))
 
     @cached_property
+    def extreme_points(self) -> F8:
+        """(k, 3) f8: vertices of the mesh's convex hull; the corners of its bounding box when it is flat."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        points = self.positions.astype(np.float64)
+        try:
+            return points[ConvexHull(points).vertices]
+        except QhullError:
+            return self.corners
+
+    @cached_property
     def radius(self) -> float:
         """Radius of a sphere about the origin that holds the mesh and its hull; at least 1."""
         if self.hull is None:

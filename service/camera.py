@@ -38,6 +38,9 @@ class View:
     shift. width, height: pixels. near, far: depths in normalised units along the viewing direction, 0 < near < far (equal
     when the eye is so far away that float64 cannot tell them apart; the matrix can). pixel_scale: pixels one normalised unit
     covers, at depth one (perspective) or at every depth (orthographic).
+    Of a mesh that a scene places (`service.scene.place`), the matrix and the eye are still those of its own normalised frame; view
+    turns the scene's axes into the camera's; pixel_scale is the largest in any direction; mirrored: the placement turns
+    counter-clockwise into clockwise; normal_matrix: (3, 3) f8 from normals to normals along the scene's axes, None for none.
     """
 
     eye: F8
@@ -48,6 +51,8 @@ class View:
     near: float
     far: float
     pixel_scale: float
+    mirrored: bool = False
+    normal_matrix: F8 | None = None
 
     @property
     def orthographic(self) -> bool:
@@ -64,13 +69,14 @@ class _Pose:
     eye: F8
 
 
-def resolve_camera(camera: AnyCamera, frame: Frame, width: int, height: int, radius: float = 1.0) -> View:
+def resolve_camera(camera: AnyCamera, frame: Frame, width: int, height: int, radius: float = 1.0, around: Frame | None = None) -> View:
     """The view of a mesh with this frame through `camera` in an image of width x height pixels.
 
     radius: of a sphere about the frame's origin that holds everything that will be drawn, normalised units (the original's
     is 1, a hull's a little more). It sets near and far only; `fit` always fits the original. Parts of the mesh may lie
     behind the eye, and the eye may lie inside the mesh: near is then a small part of far. An orthographic camera has no
-    place along its axis: nothing is ever behind it.
+    place along its axis: nothing is ever behind it. around: the frame whose sphere an orbit turns about and fits, when it is not
+    the mesh's own.
     Raises InvalidRequestError, with the field, when numbers overflow (an eye 1e30 radii away, a field of view of 1e-40).
     """
     if isinstance(camera, Camera):
@@ -79,7 +85,8 @@ def resolve_camera(camera: AnyCamera, frame: Frame, width: int, height: int, rad
             return _orthographic(pose, _positive(float(camera.height or 0.0) / frame.scale, "camera.height"), (width, height), radius)
         return _perspective(pose, _focal(camera.fov_y_deg, "camera.fov_y_deg"), (width, height), radius)
     focal = _focal(camera.orbit.fov_y_deg, "camera.orbit.fov_y_deg")
-    return _perspective(_orbit_pose(camera.orbit, frame, focal, width / height), focal, (width, height), radius)
+    pose = _seen_from(_orbit_pose(camera.orbit, around or frame, focal, width / height), around or frame, frame)
+    return _perspective(pose, focal, (width, height), radius)
 
 
 def project(view: View, points: Array) -> F8:
@@ -125,6 +132,16 @@ def _orbit_pose(orbit: Orbit, frame: Frame, focal: float, aspect: float) -> _Pos
     else:
         distance = _positive(orbit.distance / frame.scale, "camera.orbit.distance")
     return _Pose(np.stack([right, up, backward]), np.array([0.0, 0.0, -distance]), np.append(backward * distance, 1.0))
+
+
+def _seen_from(pose: _Pose, around: Frame, frame: Frame) -> _Pose:
+    """A pose about one frame as a pose in another."""
+    if around == frame:
+        return pose
+    shift = (np.asarray(around.centre) - np.asarray(frame.centre)) / frame.scale
+    ratio = around.scale / frame.scale
+    origin = pose.origin * ratio - pose.rotation @ shift
+    return _Pose(pose.rotation, _near_enough(origin, "camera"), np.append(pose.eye[:3] * ratio + shift, 1.0))
 
 
 def _fit_distance(focal: float, aspect: float) -> float:

@@ -25,7 +25,8 @@ def linear_table():
 
 
 @njit(cache=True, nogil=True)
-def _srgb_byte(c):
+def srgb_byte(c):
+    """The sRGB byte of linear light 0..1."""
     s = 12.92 * c if c <= 0.0031308 else 1.055 * math.pow(c, 1.0 / 2.4) - 0.055
     return np.uint32(s * 255.0 + 0.5)
 
@@ -38,7 +39,7 @@ def _blend(front, alpha, ground, table):
     for k in range(3):
         shift = np.uint32(8 * k)
         f, g = table[(front >> shift) & BYTE], table[(ground >> shift) & BYTE]
-        out |= _srgb_byte(f * a + g * (np.float32(1.0) - a)) << shift
+        out |= srgb_byte(f * a + g * (np.float32(1.0) - a)) << shift
     return out
 
 

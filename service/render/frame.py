@@ -63,13 +63,30 @@ TILE_SAMPLES = 2048
 """Samples along a side of a tile: bounds the GL's memory whatever the size of the image."""
 
 
+class Timed:
+    """Runs passes and keeps what each took, milliseconds, in order. wait_each: waits for the GL after those that draw."""
+
+    def __init__(self, gpu: Gpu, wait_each: bool) -> None:
+        self._gpu, self._wait = gpu, wait_each
+        self.ms: dict[str, float] = {}
+
+    def run(self, name: str, make: Make, frame: FrameState, *, draws: bool = False) -> None:
+        """Make one pass."""
+        start = time.perf_counter()
+        make(frame)
+        if self._wait and draws:
+            self._gpu.gl.finish()
+        self.ms[name] = self.ms.get(name, 0.0) + (time.perf_counter() - start) * 1e3
+
+
 @dataclass(frozen=True)
 class RenderedImage:
     """A picture. pixels: (h, w, 4) u1 sRGB, straight alpha, row 0 at the top.
 
     passes: (name, milliseconds) in order; unless each was waited for, "read" waits for what the drawing passes began. plan: the
     names of the passes that ran. rung: source/antialias that was drawn.
-    error_px: how far the outline may be off the original's, pixels; None where that is not known.
+    error_px: how far the outline may be off the original's, pixels; None where that is not known. area: outside it there is
+    nothing but background.
     """
 
     pixels: U1
@@ -77,6 +94,7 @@ class RenderedImage:
     plan: tuple[str, ...]
     rung: str
     error_px: float | None
+    area: Tile
 
 
 def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, wait_each: bool = False) -> RenderedImage:
@@ -85,22 +103,27 @@ def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, wait_eac
     Raises CapabilityError and InvalidRequestError; RuntimeError when the GL reports an error.
     """
     view = resolve_camera(request.camera, asset.frame, request.width, request.height, asset.radius)
+    return render_view(gpu, asset, request, view, wait_each=wait_each)
+
+
+def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, *, wait_each: bool = False) -> RenderedImage:
+    """The same for a camera that has been resolved already; that of the request is not looked at."""
     plan = plan_frame(request, asset, view.eye)
     background = None if request.background == "transparent" else parse_color(request.background)
     frame = FrameState(gpu, asset, request, plan, view, background)
-    frame.area = _visible(asset, plan, view)
+    frame.area = visible_area(asset, plan, view)
     steps = [step for step in FRAME if step.name in plan.passes]
-    times: dict[str, float] = {}
+    times = Timed(gpu, wait_each)
     for step in steps:
         if not step.each_tile and (frame.area.width or step.make is make_background):
-            _run(step, frame, times, wait_each)
+            times.run(step.name, step.make, frame, draws=step.draws)
     for tile in tiles_of(plan, frame.area):
         frame.tile = tile
         for step in steps:
             if step.each_tile:
-                _run(step, frame, times, wait_each)
+                times.run(step.name, step.make, frame, draws=step.draws)
     gpu.gl.check()
-    return RenderedImage(frame.image, tuple(times.items()), tuple(times), plan.rung, plan.error_px)
+    return RenderedImage(frame.image, tuple(times.ms.items()), tuple(times.ms), plan.rung, plan.error_px, frame.area)
 
 
 def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
@@ -113,15 +136,7 @@ def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
     ]
 
 
-def _run(step: Pass, frame: FrameState, times: dict[str, float], wait: bool) -> None:
-    start = time.perf_counter()
-    step.make(frame)
-    if wait and step.draws:
-        frame.gpu.gl.finish()
-    times[step.name] = times.get(step.name, 0.0) + (time.perf_counter() - start) * 1e3
-
-
-def _visible(asset: MeshAsset, plan: Plan, view: View) -> Tile:
+def visible_area(asset: MeshAsset, plan: Plan, view: View) -> Tile:
     """The part of the image that can have anything of the mesh in it; empty (no width) when none can."""
     clipped = plan.source is Source.CLIPPED and asset.hull is not None
     points = asset.hull["positions"] if clipped and asset.hull is not None else asset.corners

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import queue
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 
@@ -23,11 +24,14 @@ FIRST_GUESS_S = 0.05
 LEAST_RETRY_S = 0.1
 
 
+Draw = Callable[[Gpu, bool], RenderedImage]
+"""Makes a picture with the GL of the renderer's thread; told whether to wait for every pass."""
+
+
 @dataclass(frozen=True)
 class _Job:
     future: Future[RenderedImage]
-    asset: MeshAsset
-    request: RenderRequest
+    draw: Draw
 
 
 class Renderer:
@@ -74,7 +78,11 @@ class Renderer:
 
         Raises BusyError when the queue is full or the renderer is closed.
         """
-        job = _Job(Future(), asset, request)
+        return self.submit_drawing(lambda gpu, wait_each: render_frame(gpu, asset, request, wait_each=wait_each))
+
+    def submit_drawing(self, draw: Draw) -> Future[RenderedImage]:
+        """The same for a picture of several frames."""
+        job = _Job(Future(), draw)
         with self._lock:
             if not self._open:
                 raise BusyError("the renderer is not running")
@@ -100,7 +108,7 @@ class Renderer:
         if not job.future.set_running_or_notify_cancel():
             return
         try:
-            image = render_frame(gpu, job.asset, job.request, wait_each=self._wait_each)
+            image = job.draw(gpu, self._wait_each)
         except Exception as error:
             job.future.set_exception(error)
             return

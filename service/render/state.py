@@ -174,6 +174,11 @@ class FrameState:
         """Target pixels along a side of an image pixel."""
         return self.plan.sample_grid if self.plan.antialias.value == "ssaa" else 1
 
+    @property
+    def front_face(self) -> str:
+        """How the GL sees faces that are counter-clockwise from outside: rows run downwards in the target."""
+        return "ccw" if self.view.mirrored else "cw"
+
     def use_target(self, *, color: bool, alpha: bool, depth: bool) -> moderngl.Framebuffer:
         """The tile's framebuffer, bound, with its viewport, for writing to those channels."""
         if self.target is None:

@@ -17,7 +17,7 @@ def count_windings(frame: FrameState) -> None:
     gpu = frame.gpu
     frame.use_target(color=False, alpha=False, depth=False)
     gpu.ctx.enable_only(moderngl.NOTHING)
-    gpu.ctx.front_face = "cw"  # rows run downwards in the target
+    gpu.ctx.front_face = frame.front_face
     gpu.gl.count_windings()
     if frame.contours is not None and len(frame.triangles):
         program = gpu.programs.get("loops", "opaque")

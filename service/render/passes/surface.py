@@ -26,7 +26,7 @@ def draw_surface(frame: FrameState) -> None:
     else:
         gpu.gl.ignore_windings()
     gpu.ctx.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if plan.closed else moderngl.NOTHING))
-    gpu.ctx.front_face = "cw"  # rows run downwards in the target
+    gpu.ctx.front_face = frame.front_face
     gpu.gl.draw(surface.array(gpu.ctx, program))
 
 
@@ -40,8 +40,9 @@ def surface_of(frame: FrameState) -> Surface:
 def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl.Program:
     """The program `vertex` with the surface's shading, all uniforms and textures set."""
     shading = frame.request.shading
-    sides = frozenset() if frame.plan.closed else frozenset({"TWO_SIDED"})
-    program = frame.gpu.programs.get(vertex, "surface", surface.definitions | {SHOW[shading.mode]} | sides)
+    definitions = {SHOW[shading.mode]} | (set() if frame.plan.closed else {"TWO_SIDED"})
+    placed = {} if frame.view.normal_matrix is None else {"normal_matrix": frame.view.normal_matrix.T.astype(np.float32).tobytes()}
+    program = frame.gpu.programs.get(vertex, "surface", surface.definitions | definitions | {name.upper() for name in placed})
     color = LINEAR_TABLE[list(parse_color(shading.color))].astype(np.float64)
     light = frame.view.view[:3, :3].T @ _unit(np.array(shading.light or DEFAULT_LIGHT))
     frame.gpu.programs.set(
@@ -51,6 +52,7 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
         base_root=tuple((color ** (1.0 / 2.4)).tolist()),
         light=tuple(light.tolist()),
         ambient=shading.ambient,
+        **placed,
         **{name: unit for unit, name in enumerate(surface.textures)},
     )
     for unit, texture in enumerate(surface.textures.values()):

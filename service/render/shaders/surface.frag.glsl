@@ -1,10 +1,13 @@
 // Colour of a surface as sRGB bytes, opaque. Definitions: NORMAL_MAP (otherwise NORMAL), COLOR_MAP and COLOR (their product;
-// neither: base_color), TWO_SIDED, and one of SHOW_LAMBERT, SHOW_NORMAL, SHOW_FLAT.
+// neither: base_color), TWO_SIDED, NORMAL_MATRIX (the surface is placed in a scene), and one of SHOW_LAMBERT, SHOW_NORMAL, SHOW_FLAT.
 //! include srgb.part.glsl
 uniform vec3 base_color;  // linear
 uniform vec3 base_root;   // base_color to the power of 1 / 2.4
-uniform vec3 light;       // unit, object space, towards the light
+uniform vec3 light;       // unit, towards the light, along the axes that normals have in the end
 uniform float ambient;
+#ifdef NORMAL_MATRIX
+uniform mat3 normal_matrix;
+#endif
 #ifdef NORMAL
 in vec3 normal;
 #endif
@@ -27,6 +30,9 @@ vec3 surface_normal() {
     vec3 n = texture(normal_map, uv).rgb * 2.0 - 1.0;
 #else
     vec3 n = normal;
+#endif
+#ifdef NORMAL_MATRIX
+    n = normal_matrix * n;
 #endif
 #ifdef TWO_SIDED
     n = gl_FrontFacing ? n : -n;

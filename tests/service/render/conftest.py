@@ -4,7 +4,6 @@ import pytest
 
 from schemas.render import Accuracy, RenderRequest, Shading
 from service.render.frame import render_frame
-from service.render.state import Gpu
 from tests.service.render.made import clippable
 
 VIEWS = {
@@ -14,13 +13,6 @@ VIEWS = {
     "orthographic": {"eye": [3, 2, 4], "projection": "orthographic", "height": 2.6},
     "cropped": {"eye": [0.4, 0.3, 2.4], "target": [0.8, 0.3, 0], "fov_y_deg": 30},
 }
-
-
-@pytest.fixture(scope="session")
-def gpu():
-    gpu = Gpu(64)
-    yield gpu
-    gpu.release()
 
 
 @pytest.fixture

@@ -1,0 +1,172 @@
+"""Requests for pictures of several meshes (names are final)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+from schemas.conventions import F8
+from schemas.render import MAX_SIDE_PX, Accuracy, AnyCamera, ImageFormat, Orbit, OrbitCamera, Shading, Vector
+
+MAX_OBJECTS = 64
+"""Objects of one scene: each pair of them may have to be compared."""
+MOST_STRETCH = 1e6
+"""The longest axis of a placed sphere over its shortest: beyond, a transform counts as flattening."""
+
+Quaternion = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
+Row = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
+Matrix = Annotated[list[Row], Field(min_length=4, max_length=4, description="4 rows of 4, for column vectors: [[.., .., .., tx], ...]")]
+
+ROTATION_FORMS = ("rotation by quaternion", "rotation by axis")
+TRANSFORM_FORMS = ("transform by matrix", "transform by parts")
+"""Names of the forms inside error locations; faults are reported for the form that was meant."""
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+def _wrong(message: str, field: str | None = None) -> PydanticCustomError:
+    return PydanticCustomError("unusable_transform", message, {"field": field} if field else None)
+
+
+class AxisAngle(_Request):
+    """A rotation about an axis of any length, counter-clockwise seen from its tip."""
+
+    axis: Vector
+    angle_deg: FiniteFloat
+
+    @model_validator(mode="after")
+    def _has_axis(self) -> Self:
+        if not any(self.axis):
+            raise _wrong("the axis is the zero vector", "axis")
+        return self
+
+
+def _rotation_form(value: object) -> str:
+    return ROTATION_FORMS[0] if isinstance(value, (list, tuple)) else ROTATION_FORMS[1]
+
+
+Rotation = Annotated[
+    Annotated[Quaternion, Tag(ROTATION_FORMS[0])] | Annotated[AxisAngle, Tag(ROTATION_FORMS[1])], Discriminator(_rotation_form)
+]
+
+
+class Parts(_Request):
+    """A transform by its parts: scaled along the mesh's axes, then rotated, then moved. Negative factors mirror."""
+
+    translate: Vector = Field([0.0, 0.0, 0.0], description="scene units")
+    rotate: Rotation = Field([0.0, 0.0, 0.0, 1.0], description="unit quaternion [x, y, z, w] (any length but zero), or {axis, angle_deg}")
+    scale: FiniteFloat | Vector = Field(1.0, description="one factor, or one along each axis of the mesh; none of them zero")
+
+
+def _transform_form(value: object) -> str:
+    return TRANSFORM_FORMS[0] if isinstance(value, (list, tuple)) else TRANSFORM_FORMS[1]
+
+
+Transform = Annotated[
+    Annotated[Matrix, Tag(TRANSFORM_FORMS[0])] | Annotated[Parts, Tag(TRANSFORM_FORMS[1])], Discriminator(_transform_form)
+]
+
+
+class SceneObject(_Request):
+    """One mesh in a scene. Its shading has the scene's for every field it does not say."""
+
+    mesh: str = Field(min_length=1, max_length=64, description="mesh id")
+    transform: Transform = Field(default_factory=Parts, description="scene from model: affine and invertible; it may stretch and mirror")
+    shading: Shading | None = None
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        if fault := _fault(self.transform):
+            raise _wrong(fault, "transform")
+        return self
+
+
+class SceneRequest(_Request):
+    """One picture of several meshes. An orbit turns about the sphere around all of them, and fits it."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "camera": {"orbit": {"azimuth_deg": 30, "elevation_deg": 20}},
+                "background": "#ffffff",
+                "objects": [
+                    {"mesh": "0123456789abcdef0123456789abcdef"},
+                    {
+                        "mesh": "0123456789abcdef0123456789abcdef",
+                        "transform": {"translate": [2, 0, 0], "rotate": {"axis": [0, 1, 0], "angle_deg": 90}, "scale": [1, 1, -1]},
+                        "shading": {"color": "#c08040"},
+                    },
+                ],
+            }
+        },
+    )
+
+    camera: AnyCamera = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
+    width: int = Field(512, ge=1, le=MAX_SIDE_PX)
+    height: int = Field(512, ge=1, le=MAX_SIDE_PX)
+    background: str = Field("transparent", pattern=r"^(transparent|#[0-9a-fA-F]{6})$")
+    objects: list[SceneObject] = Field(min_length=1, max_length=MAX_OBJECTS)
+    shading: Shading = Shading()
+    accuracy: Accuracy = Accuracy()
+    format: ImageFormat | None = Field(None, description="overrides the Accept header")
+
+    def shading_of(self, index: int) -> Shading:
+        """What object `index` is shaded with: its own fields where it says them, the scene's elsewhere."""
+        own = self.objects[index].shading
+        return self.shading if own is None else self.shading.model_copy(update={name: getattr(own, name) for name in own.model_fields_set})
+
+
+def matrix_of(transform: Any) -> F8:
+    """(4, 4) f8: scene from model, for column vectors, of a transform in either form."""
+    if not isinstance(transform, Parts):
+        return np.array(transform, np.float64)
+    matrix = np.eye(4)
+    rotation = _from_axis(transform.rotate) if isinstance(transform.rotate, AxisAngle) else _from_quaternion(transform.rotate)
+    matrix[:3, :3] = rotation * np.broadcast_to(np.array(transform.scale, np.float64), 3)
+    matrix[:3, 3] = transform.translate
+    return matrix
+
+
+def _fault(transform: Any) -> str | None:
+    """What is wrong with a transform, for people; None when it can be used."""
+    if isinstance(transform, Parts) and not isinstance(transform.rotate, AxisAngle) and not any(transform.rotate):
+        return "the quaternion is zero"
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = matrix_of(transform)
+    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+        return "the last row must be 0, 0, 0, 1: the transform must be affine"
+    linear = matrix[:3, :3]
+    largest = float(np.abs(linear).max())
+    if not (np.isfinite(matrix).all() and 0.0 < largest < np.inf):
+        return "the transform flattens the mesh, or its numbers overflow"
+    axes = np.linalg.svd(linear / largest, compute_uv=False)
+    if axes[2] * MOST_STRETCH < axes[0]:
+        return "the transform flattens the mesh: it must be invertible"
+    return None
+
+
+def _from_quaternion(quaternion: list[float]) -> F8:
+    scaled = np.array(quaternion, np.float64) / max(map(abs, quaternion))
+    x, y, z, w = scaled / np.linalg.norm(scaled)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _from_axis(rotation: AxisAngle) -> F8:
+    """Rodrigues' formula."""
+    scaled = np.array(rotation.axis, np.float64) / max(map(abs, rotation.axis))
+    x, y, z = scaled / np.linalg.norm(scaled)
+    angle = np.radians(np.remainder(rotation.angle_deg, 360.0))
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * (across @ across))

@@ -1,0 +1,61 @@
+"""A planned scene as a picture: layer by layer, the farthest first, each laid OVER the ones before in linear light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.kernels.layers import put_over, settle
+from service.render.frame import RenderedImage, render_view
+from service.render.group import Member, render_group
+from service.render.state import LINEAR_TABLE, Gpu, Tile, as_words, parse_color, word_of
+from service.scene.plan import Layer, ScenePlan
+from service.waiting import Stopwatch
+
+
+def draw_scene(gpu: Gpu, plan: ScenePlan, *, wait_each: bool = False) -> RenderedImage:
+    """Draw it. The times of a pass are summed over the layers; `plan` of the picture names the layers and what is in them.
+
+    rung: those of all layers; error_px: the largest of them. Raises RuntimeError when the GL reports an error.
+    """
+    size = (plan.height, plan.width)
+    image = np.zeros((*size, 4), np.uint8)
+    words = as_words(image)
+    if plan.background != "transparent":
+        words[...] = word_of(parse_color(plan.background))
+    mixed, light = np.zeros(size, np.uint8), np.empty((*size, 4), np.float32)
+    times: dict[str, float] = {}
+    steps, drawn = [], []
+    for number, layer in enumerate(plan.layers):
+        picture = _draw(gpu, layer, wait_each)
+        clock = Stopwatch()
+        a = picture.area
+        at = np.s_[a.y : a.y + a.height, a.x : a.x + a.width]
+        put_over(as_words(picture.pixels)[at], words[at], mixed[at], light[at], LINEAR_TABLE)
+        for name, ms in (*picture.passes, ("over", clock.ms())):
+            times[name] = times.get(name, 0.0) + ms
+        steps.append(_described(number, layer, picture))
+        drawn.append(picture)
+    clock = Stopwatch()
+    settle(words, mixed, light)
+    times["settle"] = clock.ms()
+    steps += [f"outside: object {index}" for index in plan.outside]
+    rungs = dict.fromkeys(picture.rung for picture in drawn)
+    error = max((picture.error_px or 0.0 for picture in drawn), default=0.0)
+    whole = Tile(0, 0, plan.width, plan.height)
+    return RenderedImage(image, tuple(times.items()), tuple(steps), "+".join(rungs) or "empty", error, whole)
+
+
+def _draw(gpu: Gpu, layer: Layer, wait_each: bool) -> RenderedImage:
+    if len(layer.parts) == 1:
+        part = layer.parts[0]
+        return render_view(gpu, part.asset, part.request, part.view, wait_each=wait_each)
+    members = [Member(part.asset, part.request, part.view) for part in layer.parts]
+    return render_group(gpu, members, wait_each=wait_each)
+
+
+def _described(number: int, layer: Layer, picture: RenderedImage) -> str:
+    """`layer[0]: object 3 clipped/coverage (edges segments ...)`; no commas, which divide the entries of the list."""
+    who = "+".join(str(part.index) for part in layer.parts)
+    kind = "object" if len(layer.parts) == 1 else "objects"
+    why = f"; together: {layer.why}" if layer.why else ""
+    return f"layer[{number}]: {kind} {who} {picture.rung} ({' '.join(picture.plan)}{why})"
