@@ -24,6 +24,12 @@ def linear_table():
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
+def srgb_of(linear):
+    """sRGB bytes, u1, of linear light 0..1, an array of any shape (IEC 61966-2-1)."""
+    c = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+    return np.floor(255.0 * c + 0.5).astype(np.uint8)
+
+
 @njit(cache=True, nogil=True)
 def srgb_byte(c):
     """The sRGB byte of linear light 0..1."""
@@ -44,7 +50,8 @@ def _blend(front, alpha, ground, table):
 
 
 @njit(cache=True, nogil=True)
-def _blended(front, alpha, ground, table):
+def blended(front, alpha, ground, table):
+    """The same, without the work where alpha is nothing or full."""
     if alpha == BYTE:
         return front
     return _blend(front, alpha, ground, table) if alpha != ZERO else ground
@@ -58,7 +65,7 @@ def put_drawn(drawn, out, opaque, table):
             out[i] = drawn[i]
             continue
         for j in range(out.shape[1]):
-            out[i, j] = _blended(drawn[i, j], drawn[i, j] >> SHIFT, out[i, j], table)
+            out[i, j] = blended(drawn[i, j], drawn[i, j] >> SHIFT, out[i, j], table)
 
 
 @njit(cache=True, nogil=True)
@@ -68,7 +75,7 @@ def put_masked(drawn, mask, out, opaque, table):
         if opaque:
             for j in range(out.shape[1]):
                 alpha = np.uint32(mask[i, j])
-                out[i, j] = _blended((drawn[i, j] & COLOR) | (BYTE << SHIFT), alpha, out[i, j], table)
+                out[i, j] = blended((drawn[i, j] & COLOR) | (BYTE << SHIFT), alpha, out[i, j], table)
         else:
             for j in range(out.shape[1]):
                 alpha = np.uint32(mask[i, j])
@@ -83,7 +90,7 @@ def put_flat(color, mask, out, opaque, table):
         for j in range(out.shape[1]):
             alpha = np.uint32(mask[i, j])
             if opaque:
-                out[i, j] = _blended((color & COLOR) | (BYTE << SHIFT), alpha, out[i, j], table)
+                out[i, j] = blended((color & COLOR) | (BYTE << SHIFT), alpha, out[i, j], table)
             else:
                 word = (color & COLOR) | (alpha << SHIFT)
                 out[i, j] = word if alpha != ZERO else ZERO

@@ -121,8 +121,9 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
         frame.tile = tile
         for step in steps:
             if step.each_tile:
-                times.run(step.name, step.make, frame, draws=step.draws)
-    gpu.gl.check()
+                times.run(step.name, step.make, frame, draws=step.draws and not plan.on_cpu)
+    if not plan.on_cpu:
+        gpu.gl.check()
     return RenderedImage(frame.image, tuple(times.ms.items()), tuple(times.ms), plan.rung, plan.error_px, frame.area)
 
 

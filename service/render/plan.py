@@ -24,15 +24,16 @@ SILHOUETTE: dict[Antialias, frozenset[str]] = {
 """Passes that make the exact outline, by rung."""
 
 SURFACE: dict[tuple[Source, Antialias], frozenset[str]] = {
-    (Source.CLIPPED, Antialias.NONE): frozenset({"surface"}),
-    (Source.CLIPPED, Antialias.LINE): frozenset({"surface", "rim"}),
-    (Source.CLIPPED, Antialias.COVERAGE): frozenset({"surface", "rim"}),
-    (Source.ORIGINAL, Antialias.NONE): frozenset({"surface"}),
-    (Source.ORIGINAL, Antialias.COVERAGE): frozenset({"surface", "rim"}),
-    (Source.ORIGINAL, Antialias.MSAA): frozenset({"surface", "resolve"}),
-    (Source.ORIGINAL, Antialias.SSAA): frozenset({"surface", "resolve"}),
+    (Source.CLIPPED, Antialias.NONE): frozenset({"surface"}) | DRAWN,
+    (Source.CLIPPED, Antialias.LINE): frozenset({"surface", "rim"}) | DRAWN,
+    (Source.CLIPPED, Antialias.COVERAGE): frozenset({"surface", "rim", "composite"}),
+    (Source.ORIGINAL, Antialias.NONE): frozenset({"surface"}) | DRAWN,
+    (Source.ORIGINAL, Antialias.COVERAGE): frozenset({"surface", "rim"}) | DRAWN,
+    (Source.ORIGINAL, Antialias.MSAA): frozenset({"surface", "resolve"}) | DRAWN,
+    (Source.ORIGINAL, Antialias.SSAA): frozenset({"surface", "resolve"}) | DRAWN,
 }
-"""Passes that colour it; the rungs there are, by source. The rim colours pixels that the outline touches but no surface does."""
+"""Passes that colour it; the rungs there are, by source. The rim colours pixels that the outline touches but no surface
+does. The clipped hull under an exact mask is drawn without the GL."""
 
 CERTAIN = 1e-6
 """Normalised units by which an eye must be outside to count as outside."""
@@ -60,6 +61,11 @@ class Plan:
     mode: ShadingMode
     passes: frozenset[str]
     closed: bool
+
+    @property
+    def on_cpu(self) -> bool:
+        """Whether the picture needs no GL at all: the exact mask over a hull that `passes.hull` draws."""
+        return self.source is Source.CLIPPED and self.antialias is Antialias.COVERAGE
 
     @property
     def rung(self) -> str:
@@ -91,7 +97,7 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
     if outlined and mode is ShadingMode.MASK:
         passes |= _bare_mask(antialias)
     else:
-        passes |= SURFACE[source, antialias] | DRAWN
+        passes |= SURFACE[source, antialias]
     closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, eye))
     return Plan(source, antialias, mode, passes, closed)
 

@@ -16,9 +16,11 @@ from service.camera import View
 from service.kernels.compositing import linear_table
 from service.render.context import GlContext
 from service.render.gpu_cache import GpuCache
+from service.render.hull_cache import HullCache, HullView
 from service.render.plan import Plan
 from service.render.programs import Programs
 from service.render.targets import Target, Targets
+from service.scratch import Scratch
 from service.silhouette.contours import Contours
 
 LINEAR_TABLE = linear_table()
@@ -84,7 +86,7 @@ class Stream:
 
 
 class Gpu:
-    """The GL and everything kept in it between frames. Belongs to the thread that makes it."""
+    """The GL and everything kept between frames, in it and in memory. Belongs to the thread that makes it."""
 
     def __init__(self, cache_mib: int) -> None:
         self.gl = GlContext()
@@ -92,6 +94,8 @@ class Gpu:
         self.programs = Programs(self.ctx)
         self.targets = Targets(self.gl)
         self.cache = GpuCache(self.ctx, cache_mib)
+        self.hulls = HullCache(cache_mib)
+        self.scratch = Scratch()
         self._screens: dict[moderngl.Program, moderngl.VertexArray] = {}
         self._streams: dict[moderngl.Program, Stream] = {}
         self._pixels = np.empty(0, np.uint8)
@@ -167,6 +171,7 @@ class FrameState:
     area: Tile = Tile(0, 0, 0, 0)
     tile: Tile = Tile(0, 0, 0, 0)
     target: Target | None = None
+    hull: HullView | None = None
     drawn: U1 | None = None
 
     @property

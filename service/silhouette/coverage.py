@@ -15,11 +15,10 @@ import numpy as np
 from schemas.conventions import F8, U1, Array
 from service.kernels import coverage as kernels
 from service.kernels import coverage_pixels
+from service.scratch import Scratch
 
 MOST_PIECES = 1 << 20
 """Pieces of edges held at a time: 40 MiB. Images with more are drawn in several goes."""
-KEPT_BYTES = 1 << 24
-"""Scratch memory up to this size stays with its thread; fresh pages cost more than the work done in them."""
 FARTHEST_PX = 1e150
 """Coordinates beyond this would overflow in products."""
 
@@ -37,21 +36,8 @@ class Coverage:
     doubtful: int
 
 
-class _Scratch(threading.local):
-    """Buffers of one thread, by name."""
-
-    def __init__(self) -> None:
-        self.buffers: dict[str, Array] = {}
-
-    def array(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> Array:
-        """Uninitialised memory of this shape, the same again when it was large enough."""
-        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-        buffer = self.buffers.get(name)
-        if buffer is None or len(buffer) < size:
-            buffer = np.empty(size + size // 4, np.uint8)
-            if size <= KEPT_BYTES:
-                self.buffers[name] = buffer
-        return buffer[:size].view(dtype).reshape(shape)
+class _Scratch(threading.local, Scratch):
+    """Buffers of each thread."""
 
 
 _scratch = _Scratch()

@@ -5,18 +5,20 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from schemas.conventions import F8
 from schemas.render import Antialias, ShadingMode
 from service.render.gpu_cache import Surface
+from service.render.passes.hull import draw_hull
+from service.render.passes.light import light_of
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
-DEFAULT_LIGHT = (0.5, 0.7, 1.0)
-"""Camera space: to the right, above and behind the eye."""
 SHOW = {ShadingMode.LAMBERT: "SHOW_LAMBERT", ShadingMode.NORMAL: "SHOW_NORMAL", ShadingMode.MASK: "SHOW_FLAT"}
 
 
 def draw_surface(frame: FrameState) -> None:
     """Draw the surface with depth test into colour; alpha too, unless it holds an outline already."""
+    if frame.plan.on_cpu:
+        draw_hull(frame)
+        return
     gpu, plan = frame.gpu, frame.plan
     surface = surface_of(frame)
     program = shaded_program(frame, surface, "surface")
@@ -44,13 +46,12 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
     placed = {} if frame.view.normal_matrix is None else {"normal_matrix": frame.view.normal_matrix.T.astype(np.float32).tobytes()}
     program = frame.gpu.programs.get(vertex, "surface", surface.definitions | definitions | {name.upper() for name in placed})
     color = LINEAR_TABLE[list(parse_color(shading.color))].astype(np.float64)
-    light = frame.view.view[:3, :3].T @ _unit(np.array(shading.light or DEFAULT_LIGHT))
     frame.gpu.programs.set(
         program,
         clip_from_object=frame.clip_from_object(),
         base_color=tuple(color.tolist()),
         base_root=tuple((color ** (1.0 / 2.4)).tolist()),
-        light=tuple(light.tolist()),
+        light=tuple(light_of(frame).tolist()),
         ambient=shading.ambient,
         **placed,
         **{name: unit for unit, name in enumerate(surface.textures)},
@@ -58,12 +59,3 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
     for unit, texture in enumerate(surface.textures.values()):
         texture.use(unit)
     return program
-
-
-def _unit(vector: F8) -> F8:
-    """A unit vector, for vectors of any length; zero stays zero, which is light from nowhere."""
-    largest = np.abs(vector).max()
-    if largest == 0.0:
-        return vector
-    scaled = vector / largest
-    return np.asarray(scaled / np.linalg.norm(scaled))

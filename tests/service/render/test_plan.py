@@ -58,7 +58,7 @@ def test_passes_of_each_rung_are_as_documented():
     assert in_order(plan(antialias="line")) == [
         "background", "edges", "loops", "segments", "clear", "stencil", "surface", "rim", "outline", "interior", *rest,
     ]  # fmt: skip
-    assert in_order(plan(antialias="coverage")) == ["background", "edges", "segments", "clear", "surface", "rim", "coverage", *rest]
+    assert in_order(plan(antialias="coverage")) == ["background", "edges", "segments", "surface", "rim", "coverage", "composite"]
     assert in_order(plan(antialias="msaa")) == ["background", "clear", "surface", "resolve", *rest]
     assert in_order(plan(antialias="none", source="original")) == ["background", "clear", "surface", *rest]
 
@@ -70,6 +70,13 @@ def test_resolving_is_all_that_supersampling_adds():
 def test_exact_outline_adds_exactly_its_passes():
     plain, outlined = plan(antialias="none", source="original"), plan(antialias="coverage", source="original")
     assert outlined.passes - plain.passes == {"edges", "segments", "coverage", "rim"}
+
+
+def test_only_the_clipped_hull_under_an_exact_mask_is_drawn_without_the_gl():
+    for source, antialias in SURFACE:
+        made = plan(source=source, antialias=antialias)
+        assert made.on_cpu == (made.rung == "clipped/coverage")
+        assert made.on_cpu == (not made.passes & {"clear", "read"})
 
 
 def test_lines_add_exactly_their_passes():

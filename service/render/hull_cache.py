@@ -1,0 +1,99 @@
+"""What drawing hulls on the CPU keeps of the assets in use, least recently used first to go when it is too much together."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+
+from schemas.conventions import F4, I4, U1, Array
+from service.assets import MeshAsset
+
+
+@dataclass(frozen=True)
+class HullSurface:
+    """A hull as the kernels take it: arrays of their own, contiguous, whatever file the asset is mapped from.
+
+    positions (v, 3) f4, faces (f, 3) i4; edge_vertices, edge_faces (e, 2) i4. uv: (f, 3, 2) f4 texels, v downwards. normals: u4
+    texels, row by row, red in the lowest byte, and a row more; colors: the same, the normals again where there are none.
+    size: (width, height) of the maps.
+    """
+
+    positions: F4
+    faces: I4
+    edge_vertices: I4
+    edge_faces: I4
+    uv: F4
+    normals: Array
+    colors: Array
+    size: tuple[int, int]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        arrays = (self.positions, self.faces, self.edge_vertices, self.edge_faces, self.uv, self.normals)
+        return sum(a.nbytes for a in arrays) + (0 if self.colors is self.normals else self.colors.nbytes)
+
+
+@dataclass(frozen=True)
+class HullView:
+    """A hull in the image. points (v, 4) f8 and words (h, w) i8: see `service.kernels.hull_visible`; planes: of faces, then rim."""
+
+    surface: HullSurface
+    points: Array
+    planes: Array
+    front: Array
+    words: Array
+
+
+class HullCache:
+    """Hull surfaces by asset. A single one larger than the limit is kept as long as it is the latest."""
+
+    def __init__(self, capacity_mib: int) -> None:
+        self._capacity = capacity_mib << 20
+        self._kept: OrderedDict[str, HullSurface] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all surfaces."""
+        return sum(surface.nbytes for surface in self._kept.values())
+
+    def get(self, asset: MeshAsset) -> HullSurface:
+        """The hull of a clippable asset with its maps."""
+        if asset.id not in self._kept:
+            self._kept[asset.id] = hull_surface(asset)
+            while len(self._kept) > 1 and self.nbytes > self._capacity:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(asset.id)
+        return self._kept[asset.id]
+
+
+def hull_surface(asset: MeshAsset) -> HullSurface:
+    """Copy the hull and its maps. Raises ValueError when the asset has none."""
+    if asset.hull is None or asset.maps is None:
+        raise ValueError("only a hull with maps can be drawn")
+    normal, edges = asset.maps["normal"], asset.hull_edges
+    height, width = normal.shape[:2]
+    normals = _texels(normal)
+    return HullSurface(
+        np.array(asset.hull["positions"], np.float32),
+        np.array(asset.hull["faces"], np.int32),
+        np.array(edges.vertices, np.int32),
+        np.array(edges.faces, np.int32),
+        asset.maps["tile_uv"] * np.array([width, height], np.float32),
+        normals,
+        _texels(asset.maps["color"]) if "color" in asset.maps else normals,
+        (width, height),
+    )
+
+
+def _texels(image: U1) -> Array:
+    """(w * (h + 1) + 1,) u4 of (h, w, 3 or 4) u1: neighbours of the last texel may be read, though nothing comes of them."""
+    height, width, channels = image.shape
+    texels = np.zeros(width * (height + 1) + 1, np.uint32)
+    texels[: width * height].view(np.uint8).reshape(height, width, 4)[:, :, :channels] = image
+    return texels
