@@ -118,6 +118,7 @@ class Accuracy(_Request):
 
     antialias: Antialias = Antialias.COVERAGE
     source: Source = Source.AUTO
+    smooth: bool = Field(False, description="curve the outline by the surface's normals, for coarse meshes; only with coverage")
 
 
 class ImageFormat(StrEnum):
@@ -155,6 +156,7 @@ class SilhouetteRequest(_Request):
     contours: bool = Field(True, description="link the edges into closed contours")
     positions: bool = Field(True, description="include the positions of the vertices, model units")
     project: ProjectTo | None = Field(None, description="include the vertices' pixel coordinates in an image of this size")
+    smooth: bool = Field(False, description="add the contours of the surface with interpolated normals, as curves; needs `project`")
 
 
 class Silhouette(BaseModel):
@@ -164,6 +166,10 @@ class Silhouette(BaseModel):
     edge_count: int
     edges: list[tuple[int, int]] = Field(description="directed vertex pairs; the front-facing side is on the left seen from outside")
     contours: list[list[int]] | None = Field(None, description="closed: the last vertex joins the first")
+    curves: list[list[tuple[float, float]]] | None = Field(
+        None,
+        description="smooth contours, closed, in pixels: node, two control points of a cubic Bezier curve, node, ..., two control points",
+    )
     vertices: dict[str, Any] = Field(
         {}, description='{"index": [...], "position": [[x, y, z], ...], "pixel": [[x, y], ...]} of the vertices used'
     )

@@ -19,6 +19,7 @@ from schemas.errors import NotReadyError
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
 from service.silhouette.extract import SilhouetteTree
+from service.silhouette.smooth import SmoothSurface
 
 CLIP = "clip"
 """Name of the capability in the manifest."""
@@ -68,6 +69,14 @@ class MeshAsset:
         """The hull's edges."""
         assert self.hull is not None
         return build_edges(np.asarray(self.hull["faces"]))
+
+    @cached_property
+    def smooth_surface(self) -> SmoothSurface:
+        """The closed mesh as a surface with interpolated normals."""
+        assert self.edges is not None
+        count = len(self.normals)
+        vertices = np.arange(count, dtype=np.int32) if self.normal_vertices is None else self.normal_vertices
+        return SmoothSurface((self.positions, self.faces), (self.normals, vertices, self.shading_faces), self.edges)
 
     @cached_property
     def _edge_order(self) -> tuple[Array, Array]:

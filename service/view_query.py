@@ -32,6 +32,7 @@ QUERY_NAMES = {
     "shading.ambient": "ambient",
     "accuracy.antialias": "antialias",
     "accuracy.source": "source",
+    "accuracy.smooth": "smooth",
     "project.width": "width",
     "project.height": "height",
 }
@@ -80,11 +81,19 @@ class SilhouetteQuery(CameraQuery):
 
     contours: bool = Field(True, description="link the edges into closed contours")
     positions: bool = Field(True, description="include the positions of the vertices")
+    smooth: bool = Field(False, description="contours of the surface with interpolated normals, as curves")
 
     def request(self) -> SilhouetteRequest:
         """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
         project = {"width": self.width, "height": self.height}
-        return _checked(SilhouetteRequest, camera=self.camera(), project=project, contours=self.contours, positions=self.positions)
+        return _checked(
+            SilhouetteRequest,
+            camera=self.camera(),
+            project=project,
+            contours=self.contours,
+            positions=self.positions,
+            smooth=self.smooth,
+        )
 
 
 class RenderQuery(CameraQuery):
@@ -98,6 +107,7 @@ class RenderQuery(CameraQuery):
     ambient: float = Field(0.25, description="light from everywhere, 0 to 1")
     antialias: Antialias = Field(Antialias.COVERAGE, description="how the outline is smoothed; `msaa` and `ssaa` draw the original")
     source: Source = Field(Source.AUTO, description="draw the clipped hull or the original mesh")
+    smooth: bool = Field(False, description="curve the outline by the surface's normals, for coarse meshes; only with `coverage`")
 
     def request(self, image_format: ImageFormat) -> RenderRequest:
         """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
@@ -114,7 +124,7 @@ class RenderQuery(CameraQuery):
                 "light": None if self.light is None else vector(self.light, "light"),
                 "ambient": self.ambient,
             },
-            accuracy={"antialias": self.antialias, "source": self.source},
+            accuracy={"antialias": self.antialias, "source": self.source, "smooth": self.smooth},
             format=image_format,
         )
 

@@ -82,9 +82,10 @@ def warm(renderer: Renderer) -> None:
             for request in _requests():
                 renderer.submit(asset, request).result()
             for camera in (WHOLE, BESIDE, INSIDE):
-                described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo()))
-                for write in (silhouette_json, silhouette_svg, silhouette_binary):
-                    write(described)
+                for smooth in (False, True):
+                    described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
+                    for write in (silhouette_json, silhouette_svg, silhouette_binary):
+                        write(described)
     except (SilhouetteError, CancelledError) as error:  # busy already, or closing: then requests do the warming
         log.info("not warmed: %s", error)
     else:
@@ -96,6 +97,7 @@ def _requests() -> Iterator[RenderRequest]:
     for source, antialias in WAYS:
         yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=source, antialias=antialias))
     yield RenderRequest(width=SIDE_PX, height=SIDE_PX, shading=Shading(mode=ShadingMode.MASK))
+    yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(smooth=True))
     for antialias in (Antialias.COVERAGE, Antialias.LINE):
         yield RenderRequest(camera=BESIDE, width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=Source.CLIPPED, antialias=antialias))
 

@@ -10,7 +10,7 @@ import typer
 from client.api import DEFAULT_URL
 from client.commands.choosing import MeshArgument, Url, chosen
 from client.commands.console import write
-from client.commands.viewing import Azimuth, Elevation, Eye, Fov, Size, Target, by_suffix, camera_of, sides_of
+from client.commands.viewing import Azimuth, Elevation, Eye, Fov, Size, Smooth, Target, by_suffix, camera_of, sides_of
 from schemas.render import Antialias, ImageFormat, ShadingMode, Source
 
 IMAGE_SUFFIXES = {
@@ -39,6 +39,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         Antialias, typer.Option(help="How the outline is smoothed; msaa and ssaa need the original.")
     ] = Antialias.COVERAGE,
     source: Annotated[Source, typer.Option(help="Draw the clipped hull or the original mesh.")] = Source.AUTO,
+    smooth: Smooth = False,
     url: Url = DEFAULT_URL,
 ) -> None:
     """Render a picture of a mesh.
@@ -54,7 +55,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         "height": height,
         "background": background,
         "shading": {"mode": shading},
-        "accuracy": {"antialias": antialias, "source": source},
+        "accuracy": {"antialias": antialias, "source": source, "smooth": smooth},
         "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
     }
     with chosen(url, mesh) as (client, mesh_id):
@@ -62,7 +63,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
 
 
-def silhouette(
+def silhouette(  # noqa: PLR0913 - as above
     mesh: MeshArgument,
     output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .svg, .json or .bin; - for JSON to stdout.")],
     azimuth: Azimuth = 30.0,
@@ -70,6 +71,8 @@ def silhouette(
     eye: Eye = None,
     target: Target = None,
     size: Size = "512",
+    *,
+    smooth: Smooth = False,
     url: Url = DEFAULT_URL,
 ) -> None:
     """Write the silhouette of a mesh as a drawing (SVG) or as edges and closed contours (JSON).
@@ -80,7 +83,8 @@ def silhouette(
     """
     width, height = sides_of(size)
     form = by_suffix(output, SILHOUETTE_SUFFIXES, "json")
-    fields = {"camera": camera_of(azimuth, elevation, eye, target, 45.0), "project": {"width": width, "height": height}}
+    image = {"width": width, "height": height}
+    fields = {"camera": camera_of(azimuth, elevation, eye, target, 45.0), "project": image, "smooth": smooth}
     with chosen(url, mesh) as (client, mesh_id):
         body = client.silhouette_document(mesh_id, form, **fields)
     write(output, body, f"{len(body) / 1024:.1f} KiB")

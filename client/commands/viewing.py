@@ -13,6 +13,7 @@ Elevation = Annotated[float, typer.Option(help="Degrees towards +y, -90 to 90.")
 Eye = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Eye in model units, instead of azimuth and elevation.")]
 Target = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="What the eye looks at; the origin if not given.")]
 Fov = Annotated[float, typer.Option(help="Vertical field of view, degrees.")]
+Smooth = Annotated[bool, typer.Option("--smooth", help="Curve the outline by the surface's normals, for coarse meshes.")]
 Size = Annotated[str, typer.Option(metavar="WxH", help="Pixels, like 800x600, or one number for a square.")]
 
 

@@ -1,7 +1,7 @@
 """Places in the map for pixels that the outline touches although their centre lies beside the hull.
 
 A pixel whose square meets the original while its centre lies outside the hull is at most half a diagonal from the hull's
-outline, so all pixels within HALF_WIDTH of the hull's silhouette edges get a place on the nearest of those edges. It is written
+outline, so all pixels within LEAST_HALF_WIDTH of its silhouette edges get a place on the nearest of them. It is written
 as one more row of planes an edge, beside those of the faces, and lies behind everything (`hull_visible`).
 """
 
@@ -14,9 +14,9 @@ from numba import njit
 
 from service.kernels.hull_visible import FACE_BITS
 
-HALF_WIDTH = 1.0  # pixels; sqrt(1/2) would do, the rest is for rounding
+LEAST_HALF_WIDTH = 1.0  # pixels; sqrt(1/2) would do, the rest is for rounding
 NEAREST = (1 << 62) - (1 << 61) // 8  # word of a pixel on an edge: behind every face, before nothing at all
-DISTANCE_UNIT = float(1 << 30)  # steps of a squared pixel
+DISTANCE_UNIT = float(1 << 30)  # steps of a squared half width
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -43,12 +43,13 @@ def _pixel(points, a, b, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cover(px, py, qx, qy, number, x0, y0, x1, y1, words):
-    """Put an edge into the words of the pixels within HALF_WIDTH of it, where it is the nearest."""
+def _cover(px, py, qx, qy, half, number, x0, y0, x1, y1, words):
+    """Put an edge into the words of the pixels within half pixels of it, where it is the nearest."""
     dx, dy = qx - px, qy - py
     square = dx * dx + dy * dy
     scale = 1.0 / square if square > 0.0 else 0.0
-    top, bottom = max(min(py, qy) - HALF_WIDTH, y0 - 1.0), min(max(py, qy) + HALF_WIDTH, y1 + 1.0)
+    unit = DISTANCE_UNIT / (half * half)
+    top, bottom = max(min(py, qy) - half, y0 - 1.0), min(max(py, qy) + half, y1 + 1.0)
     if not top <= bottom:
         return
     for row in range(max(np.int64(math.floor(top)), y0), min(np.int64(math.floor(bottom)) + 1, y1)):
@@ -56,12 +57,12 @@ def _cover(px, py, qx, qy, number, x0, y0, x1, y1, words):
         # where the edge runs while it is near this row
         first, last = 0.0, 1.0
         if dy != 0.0:
-            s, t = (y - HALF_WIDTH - py) / dy, (y + HALF_WIDTH - py) / dy
+            s, t = (y - half - py) / dy, (y + half - py) / dy
             first, last = max(first, min(s, t)), min(last, max(s, t))
         if first > last:
             continue
         xa, xb = px + first * dx, px + last * dx
-        low, high = max(min(xa, xb) - HALF_WIDTH, x0 - 1.0), min(max(xa, xb) + HALF_WIDTH, x1 + 1.0)
+        low, high = max(min(xa, xb) - half, x0 - 1.0), min(max(xa, xb) + half, x1 + 1.0)
         for column in range(max(np.int64(math.floor(low)), x0), min(np.int64(math.floor(high)) + 1, x1)):
             if words[row - y0, column - x0] < NEAREST:
                 continue
@@ -69,30 +70,30 @@ def _cover(px, py, qx, qy, number, x0, y0, x1, y1, words):
             t = min(max(((x - px) * dx + (y - py) * dy) * scale, 0.0), 1.0)
             ex, ey = x - px - t * dx, y - py - t * dy
             away = ex * ex + ey * ey
-            if away <= HALF_WIDTH * HALF_WIDTH:
-                word = NEAREST + ((np.int64(away * DISTANCE_UNIT) << FACE_BITS) | number)
+            if away <= half * half:
+                word = NEAREST + ((np.int64(away * unit) << FACE_BITS) | number)
                 words[row - y0, column - x0] = min(words[row - y0, column - x0], word)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _lay_out(px, py, qx, qy, ua, va, ub, vb, plane):
-    """Planes of the place in the map: from one end to the other over a length that is HALF_WIDTH longer at both."""
+def _lay_out(px, py, qx, qy, half, ua, va, ub, vb, plane):
+    """Planes of the place in the map: from one end to the other over a length that is half pixels longer at both."""
     dx, dy = qx - px, qy - py
     length = math.sqrt(dx * dx + dy * dy)
     if length > 0.0:
         dx, dy = dx / length, dy / length
-    scale = 1.0 / (length + 2.0 * HALF_WIDTH)
-    start = (HALF_WIDTH - px * dx - py * dy) * scale
+    scale = 1.0 / (length + 2.0 * half)
+    start = (half - px * dx - py * dy) * scale
     plane[0], plane[1], plane[2] = (ub - ua) * dx * scale, (ub - ua) * dy * scale, ua + (ub - ua) * start
     plane[3], plane[4], plane[5] = (vb - va) * dx * scale, (vb - va) * dy * scale, va + (vb - va) * start
     plane[6], plane[7], plane[8] = 0.0, 0.0, 1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw_rim(points, faces, uv, edge_vertices, edge_faces, front, x0, y0, x1, y1, words, planes):
+def draw_rim(points, faces, uv, edge_vertices, edge_faces, front, half, x0, y0, x1, y1, words, planes):
     """Draw the rim into words, as `hull_visible.draw_faces` left them, and its planes behind those of the faces.
 
-    edge_vertices, edge_faces (e, 2) i4: the hull's edges. front (f,) bool. planes (f + e, PLANES) f8.
+    edge_vertices, edge_faces (e, 2) i4: the hull's edges. front (f,) bool. half: pixels. planes (f + e, PLANES) f8.
     """
     number = faces.shape[0]
     for e in range(edge_vertices.shape[0]):
@@ -109,6 +110,6 @@ def draw_rim(points, faces, uv, edge_vertices, edge_faces, front, x0, y0, x1, y1
         i, j = _corner(faces, f, a), _corner(faces, f, b)
         u, v = uv[f, i, 0] + first * (uv[f, j, 0] - uv[f, i, 0]), uv[f, i, 1] + first * (uv[f, j, 1] - uv[f, i, 1])
         s, t = uv[f, i, 0] + last * (uv[f, j, 0] - uv[f, i, 0]), uv[f, i, 1] + last * (uv[f, j, 1] - uv[f, i, 1])
-        _lay_out(px, py, qx, qy, u, v, s, t, planes[number])
-        _cover(px, py, qx, qy, number, x0, y0, x1, y1, words)
+        _lay_out(px, py, qx, qy, half, u, v, s, t, planes[number])
+        _cover(px, py, qx, qy, half, number, x0, y0, x1, y1, words)
         number += 1

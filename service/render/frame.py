@@ -23,6 +23,7 @@ from service.render.passes.read import read_pixels
 from service.render.passes.resolve import resolve_samples
 from service.render.passes.rim import draw_rim
 from service.render.passes.segments import project_segments
+from service.render.passes.smooth import smooth_outline
 from service.render.passes.stencil import count_windings
 from service.render.passes.surface import draw_surface
 from service.render.plan import Plan, plan_frame
@@ -46,6 +47,7 @@ FRAME = (
     Pass("edges", find_edges),
     Pass("loops", make_loops),
     Pass("segments", project_segments),
+    Pass("smooth", smooth_outline),
     Pass("clear", clear_target, each_tile=True, draws=True),
     Pass("stencil", count_windings, each_tile=True, draws=True),
     Pass("surface", draw_surface, each_tile=True, draws=True),

@@ -54,13 +54,16 @@ middle of the pixel; four on a square lattice of side sqrt(0.3125); a grid of 4 
 
 @dataclass(frozen=True)
 class Plan:
-    """What one frame does. passes: names, in no order (`frame.FRAME` has the order). closed: back faces cannot be seen."""
+    """What one frame does. passes: names, in no order (`frame.FRAME` has the order). closed: back faces cannot be seen.
+    smooth: the outline is that of the surface with interpolated normals.
+    """
 
     source: Source
     antialias: Antialias
     mode: ShadingMode
     passes: frozenset[str]
     closed: bool
+    smooth: bool = False
 
     @property
     def on_cpu(self) -> bool:
@@ -69,13 +72,13 @@ class Plan:
 
     @property
     def rung(self) -> str:
-        """Its name for people: source/antialias."""
-        return f"{self.source.value}/{self.antialias.value}"
+        """Its name for people: source/antialias, and /smooth."""
+        return f"{self.source.value}/{self.antialias.value}" + ("/smooth" if self.smooth else "")
 
     @property
-    def error_px(self) -> float:
-        """How far the outline may be off, pixels."""
-        return OUTLINE_ERROR_PX[self.antialias]
+    def error_px(self) -> float | None:
+        """How far the outline may be off the mesh's, pixels; None for a smooth one, which means to be off."""
+        return None if self.smooth else OUTLINE_ERROR_PX[self.antialias]
 
     @property
     def sample_grid(self) -> int:
@@ -91,6 +94,9 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
     """
     refusal = _why_not_clipped(asset, eye)
     source, antialias = _rung(request, refusal)
+    smooth = request.accuracy.smooth
+    if smooth:
+        _check_smooth(request.accuracy.antialias, refusal)
     mode = request.shading.mode
     outlined = source is Source.CLIPPED or antialias is Antialias.COVERAGE
     passes = ALWAYS | (SILHOUETTE[antialias] if outlined else frozenset())
@@ -98,8 +104,18 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
         passes |= _bare_mask(antialias)
     else:
         passes |= SURFACE[source, antialias]
+    if smooth:
+        passes |= {"smooth"}
     closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, eye))
-    return Plan(source, antialias, mode, passes, closed)
+    return Plan(source, antialias, mode, passes, closed, smooth)
+
+
+def _check_smooth(antialias: Antialias, refusal: str | None) -> None:
+    """A smooth outline is a coverage mask, and that takes the silhouette."""
+    if antialias is not Antialias.COVERAGE:
+        raise InvalidRequestError("only coverage has a smooth outline", field="accuracy.smooth")
+    if refusal is not None:
+        raise CapabilityError(refusal, field="accuracy.smooth")
 
 
 def _bare_mask(antialias: Antialias) -> frozenset[str]:

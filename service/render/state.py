@@ -22,6 +22,7 @@ from service.render.programs import Programs
 from service.render.targets import Target, Targets
 from service.scratch import Scratch
 from service.silhouette.contours import Contours
+from service.silhouette.smooth import SmoothContours
 
 LINEAR_TABLE = linear_table()
 LEAST_STREAM = 1 << 14
@@ -167,6 +168,7 @@ class FrameState:
     contours: Contours | None = None
     triangles: I4 = field(default_factory=lambda: np.empty((0, 3), np.int32))
     segments: F8 = field(default_factory=lambda: np.empty((0, 4)))
+    smooth: SmoothContours | None = None
     mask: U1 | None = None
     area: Tile = Tile(0, 0, 0, 0)
     tile: Tile = Tile(0, 0, 0, 0)

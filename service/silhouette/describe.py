@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.silhouettes import silhouette_scalar
 from schemas.conventions import F4, F8, I4, Frame
-from schemas.errors import CapabilityError
+from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.mesh import Capability
 from schemas.render import ProjectTo, SilhouetteRequest
 from service.camera import View, resolve_camera
@@ -18,6 +18,7 @@ from service.silhouette.contours import Contours, link_contours
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.outline import Outline, outline_of
 from service.silhouette.project import pixel_matrix, project_edges, surrounding_layers
+from service.silhouette.smooth import SmoothSurface, smooth_outline
 
 UNSEEN = ProjectTo()
 """Image of a request that names none: a fitted eye depends on its shape."""
@@ -47,6 +48,10 @@ class Source(Protocol):
         """Its search tree."""
 
     @property
+    def smooth_surface(self) -> SmoothSurface:
+        """The surface of a closed mesh's normals."""
+
+    @property
     def clip(self) -> Capability:
         """Says why there are no edges."""
 
@@ -57,7 +62,8 @@ class Description:
 
     eye: (4,) f8 homogeneous, model units. edges: (s, 2) i4 directed. vertices: (k,) i4, those the edges use, each once.
     contours: closed loops of vertices, None when not asked for. positions: (k, 3) f8 of `vertices`, model units, or None.
-    pixels: (k, 2) f8, y down, NaN behind the eye; outline: the contours in the image; view: the camera; all None without an image.
+    pixels: (k, 2) f8, y down, NaN behind the eye; outline: the contours in the image, curved when that was asked for; view: the
+    camera; all None without an image. curves: the outline as curves, when they were asked for.
     """
 
     eye: F8
@@ -68,13 +74,17 @@ class Description:
     pixels: F8 | None
     outline: Outline | None
     view: View | None
+    curves: list[F8] | None = None
 
 
 def describe_silhouette(source: Source, request: SilhouetteRequest) -> Description:
     """The silhouette that `request` asks for, with all edges, hidden ones too.
 
-    Raises CapabilityError when the mesh is not closed, InvalidRequestError for a camera whose numbers cannot be used.
+    Raises CapabilityError when the mesh is not closed, InvalidRequestError for a camera whose numbers cannot be used, and for
+    curves without an image to lie in.
     """
+    if request.smooth and request.project is None:
+        raise InvalidRequestError("smooth contours are curves of an image: project must say its size", field="smooth")
     image = request.project or UNSEEN
     view = resolve_camera(request.camera, source.frame, image.width, image.height)
     edges = _edges(source, view.eye)
@@ -83,8 +93,11 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
     loops = link_contours(local) if request.contours else None
     homogeneous = _homogeneous(view, used) if request.project else None
     outline = None
-    if homogeneous is not None and loops is not None:
-        outline = outline_of(view, homogeneous[loops.vertices], loops.offsets, _base(source, view, edges))
+    if request.smooth:
+        outline = _smooth(source, view)
+    elif homogeneous is not None and loops is not None:
+        segments = project_edges(view, np.asarray(source.positions), edges) if _is_near(view) else None
+        outline = outline_of(view, homogeneous[loops.vertices], loops.offsets, _base(source, view, segments))
     return Description(
         eye=_model_eye(view.eye, source.frame),
         edges=edges,
@@ -94,6 +107,7 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
         pixels=None if homogeneous is None else _divided(homogeneous),
         outline=outline,
         view=view if request.project else None,
+        curves=outline.curves() if request.smooth and outline is not None else None,
     )
 
 
@@ -105,12 +119,22 @@ def _edges(source: Source, eye: F8) -> I4:
     return np.asarray(silhouette_scalar(source.positions, source.faces, *source.edges, eye))
 
 
-def _base(source: Source, view: View, edges: I4) -> int:
-    """Layers over the whole image that the edges do not tell of; there are none for an eye outside the unit sphere."""
-    if view.orthographic or float(np.linalg.norm(view.eye[:3])) > 1.0 + 1e-6:
+def _smooth(source: Source, view: View) -> Outline:
+    contours = source.smooth_surface.contours(view)
+    segments = contours.segments(view) if _is_near(view) else None
+    return smooth_outline(view, contours, _base(source, view, segments))
+
+
+def _is_near(view: View) -> bool:
+    """Whether there may be layers over the whole image that no edge tells of: never for an eye outside the unit sphere."""
+    return not (view.orthographic or float(np.linalg.norm(view.eye[:3])) > 1.0 + 1e-6)
+
+
+def _base(source: Source, view: View, segments: F8 | None) -> int:
+    """How many of them there are, from the outline's segments."""
+    if segments is None:
         return 0
-    positions, faces = np.asarray(source.positions), np.asarray(source.faces)
-    return surrounding_layers(view, positions, faces, project_edges(view, positions, edges))
+    return surrounding_layers(view, np.asarray(source.positions), np.asarray(source.faces), segments)
 
 
 def _homogeneous(view: View, positions: F4) -> F8:

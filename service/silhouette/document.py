@@ -5,6 +5,7 @@ Bulk numbers go from numpy through orjson, which is a hundred times faster than 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -15,6 +16,7 @@ from safetensors.numpy import save
 from schemas.conventions import F8
 from schemas.errors import InvalidRequestError
 from service.silhouette.describe import Description, describe_silhouette
+from service.silhouette.outline import Outline
 
 __all__ = ["Description", "describe_silhouette", "silhouette_binary", "silhouette_json", "silhouette_svg"]
 
@@ -36,6 +38,8 @@ def silhouette_json(described: Description) -> bytes:
     if described.contours is not None:
         loops = described.contours
         answer["contours"] = [loops.vertices[a:b] for a, b in pairwise(loops.offsets)]
+    if described.curves is not None:
+        answer["curves"] = [np.round(curve, PIXEL_DIGITS) for curve in described.curves]
     vertices: dict[str, Any] = {}
     if described.positions is not None:
         vertices["position"] = described.positions
@@ -50,7 +54,9 @@ def silhouette_binary(described: Description) -> bytes:
 
     edges: (s, 2) i4 directed vertex pairs. vertices: (k,) i4, the vertices used. contours: (s,) i4 vertices of closed loops, loop
     i is contours[offsets[i]:offsets[i + 1]]; offsets: (c + 1,) i4. positions: (k, 3) f8 of `vertices`, model units. pixels:
-    (k, 2) f8 of `vertices`, y down, NaN behind the eye. The metadata's `eye` is four numbers as JSON text.
+    (k, 2) f8 of `vertices`, y down, NaN behind the eye. curves: (n, 2) f8 pixels, closed cubic Bezier curves, each as node, two control
+    points, node, ..., two control points; curve i is curves[curve_offsets[i]:curve_offsets[i + 1]], curve_offsets: (d + 1,) i4.
+    The metadata's `eye` is four numbers as JSON text.
     """
     tensors: dict[str, Any] = {"edges": described.edges, "vertices": described.vertices}
     if described.contours is not None:
@@ -59,6 +65,10 @@ def silhouette_binary(described: Description) -> bytes:
         tensors["positions"] = described.positions
     if described.pixels is not None:
         tensors["pixels"] = described.pixels
+    if described.curves is not None:
+        sizes = [len(curve) for curve in described.curves]
+        tensors["curves"] = np.concatenate([np.empty((0, 2)), *described.curves])
+        tensors["curve_offsets"] = np.cumsum([0, *sizes], dtype=np.int32)
     eye = orjson.dumps(described.eye, option=orjson.OPT_SERIALIZE_NUMPY).decode()
     return bytes(save({name: np.ascontiguousarray(array) for name, array in tensors.items()}, {"eye": eye}))
 
@@ -72,7 +82,7 @@ def silhouette_svg(described: Description) -> bytes:
     outline, view = described.outline, described.view
     if outline is None or view is None:
         raise InvalidRequestError("a drawing needs contours and the size of its image", field="project")
-    path = b"".join(b"M" + _points(polygon) + b"Z" for polygon in outline.polygons())
+    path = b"".join(_closed(outline))
     loops = 0 if described.contours is None else len(described.contours)
     text = (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{view.width}" height="{view.height}" viewBox="0 0 {view.width} {view.height}">\n'
@@ -82,6 +92,15 @@ def silhouette_svg(described: Description) -> bytes:
     )
     lines = f'"/></g>\n<use href="#silhouette" fill="none" stroke="{LINES}" stroke-width="{LINES_PX}"/></g>\n</svg>\n'
     return b"".join((text.encode(), path, lines.encode()))
+
+
+def _closed(outline: Outline) -> Iterator[bytes]:
+    """`M...Z` of every polygon; with `C` after the first point of one that is curved."""
+    if outline.inner is None:
+        yield from (b"M" + _points(polygon) + b"Z" for polygon in outline.polygons())
+        return
+    for curve in outline.curves():
+        yield b"M" + _points(curve[:1]) + b"C" + _points(np.concatenate([curve[1:], curve[:1]])) + b"Z"
 
 
 def _points(polygon: F8) -> bytes:

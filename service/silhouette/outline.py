@@ -20,15 +20,30 @@ MARGIN_PX = 64.0
 class Outline:
     """Closed polygons whose winding number in the image is the number of front-facing layers.
 
-    points: (n, 2) f8 pixels, y down. offsets: (c + 1,) i4, polygon i is points[offsets[i]:offsets[i + 1]].
+    points: (n, 2) f8 pixels, y down. offsets: (c + 1,) i4, polygon i is points[offsets[i]:offsets[i + 1]]. inner: (n, 2, 2) f8, the
+    control points of the cubic curve from each point to the next; None where the sides are straight.
     """
 
     points: F8
     offsets: I4
+    inner: F8 | None = None
 
     def polygons(self) -> list[F8]:
         """The polygons one by one."""
         return [self.points[a:b] for a, b in pairwise(self.offsets)]
+
+    def curves(self) -> list[F8]:
+        """The polygons as cubic curves, (3 n, 2) each: point, two control points, point, ..., two control points."""
+        found = []
+        for a, b in pairwise(self.offsets):
+            points = self.points[a:b]
+            if self.inner is None:
+                side = np.roll(points, -1, axis=0) - points
+                inner = points[:, None] + side[:, None] * np.array([[1.0], [2.0]]) / 3.0
+            else:
+                inner = self.inner[a:b]
+            found.append(np.concatenate([points[:, None], inner], axis=1).reshape(-1, 2))
+        return found
 
 
 def outline_of(view: View, corners: F8, offsets: I4, base: int = 0) -> Outline:
@@ -40,7 +55,7 @@ def outline_of(view: View, corners: F8, offsets: I4, base: int = 0) -> Outline:
     """
     width, height = float(view.width), float(view.height)
     margin = MARGIN_PX + max(width, height)
-    if base <= 0 and _within(corners, width, height, margin):
+    if base <= 0 and is_within(view, corners):
         return Outline(corners[:, :2] / corners[:, 2:], offsets)
     ends = list(pairwise(offsets))
     cuts, count = np.empty((len(corners), 3)), 0
@@ -54,7 +69,10 @@ def outline_of(view: View, corners: F8, offsets: I4, base: int = 0) -> Outline:
     return Outline(np.concatenate(polygons) if polygons else np.empty((0, 2)), sizes)
 
 
-def _within(corners: F8, width: float, height: float, margin: float) -> bool:
+def is_within(view: View, corners: F8) -> bool:
+    """Whether all corners (n, 3) f8 (u, v, w) are before the eye and so near the image that none need be cut off."""
+    width, height = float(view.width), float(view.height)
+    margin = MARGIN_PX + max(width, height)
     u, v, w = corners[:, 0], corners[:, 1], corners[:, 2]
     return bool(
         np.all(w >= clip_kernels.EYE_PLANE)

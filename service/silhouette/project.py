@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.conventions import F4, F8, I4
+from schemas.conventions import F4, F8, I4, Array
 from service.camera import View
 from service.kernels import clip as kernels
 from service.kernels import clip_layers
@@ -31,7 +31,26 @@ def project_edges(view: View, positions: F4, edges: I4) -> F8:
     anywhere when nothing is behind it. Otherwise add `surrounding_layers`. A surface nearer to the eye than 1e-10
     normalised units may be missing.
     """
-    matrix = pixel_matrix(view)
+    return _segments(view, pixel_matrix(view), positions, edges)
+
+
+def project_loops(view: View, corners: F8, offsets: I4) -> F8:
+    """The same of closed loops of points that are projected already.
+
+    corners: (n, 3) f8 (u, v, w), u / w and v / w in pixels; loop i is corners[offsets[i]:offsets[i + 1]].
+    """
+    edges = np.column_stack([np.arange(len(corners), dtype=np.int32), following(offsets)])
+    return _segments(view, np.eye(3, 4), corners, edges)
+
+
+def following(offsets: I4) -> I4:
+    """(n,) i4: the number of the next point in its loop; loop i has the points [offsets[i], offsets[i + 1])."""
+    after = np.arange(1, offsets[-1] + 1, dtype=np.int32)
+    after[offsets[1:] - 1] = offsets[:-1]
+    return after
+
+
+def _segments(view: View, matrix: F8, positions: Array, edges: I4) -> F8:
     crossing, _ = (0, 0) if view.orthographic else kernels.count_crossings(matrix, positions, edges)
     out = np.empty((2 * len(edges) + 16 * crossing, 4))
     cuts = np.empty((crossing, 3))

@@ -88,6 +88,14 @@ def test_query_and_body_give_the_same_picture(http, knot):
     assert np.array_equal(pixels(query), body)
 
 
+def test_smooth_by_query_and_by_body_gives_the_same_picture(http, knot):
+    query = http.get(f"/v1/meshes/{knot.id}/render.png", params={"width": 96, "height": 96, "smooth": True})
+    body = http.post(f"/v1/meshes/{knot.id}/render", json={"width": 96, "height": 96, "accuracy": {"smooth": True}})
+    assert np.array_equal(pixels(query), pixels(body))
+    assert query.headers["X-Accuracy"] == "rung=clipped/coverage/smooth"
+    assert "smooth" in query.headers["X-Plan"].split(", ")
+
+
 def test_orbit_and_the_same_place_give_the_same_outline(http, knot):
     sphere = knot.sphere
     eye = ",".join(str(c) for c in np.add(sphere.centre, [0, 0, 4.0 * sphere.radius]))
@@ -232,6 +240,7 @@ def test_body_that_is_no_request_is_a_problem(http, knot, body, status):
         ("source=mine", "source"),
         ("distance=1e-40", "distance"),
         ("source=clipped&antialias=msaa", "antialias"),
+        ("smooth=1&antialias=line", "smooth"),
     ],
 )
 def test_wrong_query_is_422_and_names_the_parameter(http, knot, query, field):

@@ -66,6 +66,15 @@ def test_drawing_is_svg_of_the_size_asked_for(http, knot):
     assert len(drawing.content) > 1000
 
 
+def test_smooth_contours_come_by_query_and_by_body(http, knot):
+    query = http.get(f"/v1/meshes/{knot.id}/silhouette.json", params={"width": 300, "height": 200, "smooth": True}).json()
+    body = {"project": {"width": 300, "height": 200}, "smooth": True}
+    assert http.post(f"/v1/meshes/{knot.id}/silhouette", json=body).json()["curves"] == query["curves"]
+    assert all(len(curve) % 3 == 0 for curve in query["curves"])
+    drawing = http.get(f"/v1/meshes/{knot.id}/silhouette.svg", params={"smooth": True}).text
+    assert "C" in drawing.split(' d="')[1].split('"')[0]
+
+
 def test_accept_header_decides_the_document(http, knot):
     path = f"/v1/meshes/{knot.id}/silhouette"
     kinds = ("application/json", "image/svg+xml", "application/octet-stream")
@@ -85,7 +94,12 @@ def test_what_is_not_asked_for_is_left_out(http, knot):
 
 @pytest.mark.parametrize(
     ("body", "field"),
-    [({"camera": {"eye": [0, 0, 0]}}, "camera.eye"), ({"project": {"width": 0}}, "project.width"), ({"contour": True}, "contour")],
+    [
+        ({"camera": {"eye": [0, 0, 0]}}, "camera.eye"),
+        ({"project": {"width": 0}}, "project.width"),
+        ({"contour": True}, "contour"),
+        ({"smooth": True}, "smooth"),
+    ],
 )
 def test_wrong_request_is_422_and_names_the_field(http, knot, body, field):
     answer = http.post(f"/v1/meshes/{knot.id}/silhouette", json=body)

@@ -50,8 +50,11 @@ def ask_for_everything(renderer: Renderer) -> None:
             for antialias in (Antialias.COVERAGE, Antialias.LINE, Antialias.NONE):
                 accuracy = Accuracy(source=Source.CLIPPED, antialias=antialias)
                 renderer.submit(asset, RenderRequest(camera=camera, width=side, height=side, accuracy=accuracy)).result()
+            accuracy = Accuracy(source=Source.CLIPPED, smooth=True)
+            renderer.submit(asset, RenderRequest(camera=camera, width=side, height=side, accuracy=accuracy)).result()
     for camera in (*CAMERAS, INSIDE):
-        describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo()))
+        for smooth in (False, True):
+            describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import pytest
 
 from schemas.render import Accuracy, Camera, Orbit, OrbitCamera, RenderRequest, Shading
 from service.camera import resolve_camera
-from service.kernels.hull_rim import HALF_WIDTH, draw_rim
+from service.kernels.hull_rim import LEAST_HALF_WIDTH, draw_rim
 from service.kernels.hull_visible import EMPTY, FACE_MASK, PLANES, SLACK, clip_points, draw_faces
 from service.render.frame import render_view
 from service.render.hull_cache import HullCache, hull_surface
@@ -136,13 +136,14 @@ def test_planes_find_the_place_in_the_map_of_every_pixel():
         assert np.allclose((u / w, v / w), expected, atol=1e-6)
 
 
-def test_rim_reaches_every_pixel_beside_an_outline_edge_from_the_nearest_one():
+@pytest.mark.parametrize("half", [LEAST_HALF_WIDTH, 7.5])
+def test_rim_reaches_every_pixel_beside_an_outline_edge_from_the_nearest_one(half):
     asset = clippable("torus")
     points, matrix = camera_points(asset, {"eye": [2.0, 1.5, 2.5], "fov_y_deg": 60}, 70, 60)
     surface = hull_surface(asset)
     made, planes, front, words = drawn(surface, matrix, 70, 60)
     before = words.copy()
-    draw_rim(made, surface.faces, surface.uv, surface.edge_vertices, surface.edge_faces, front, 0, 0, 70, 60, words, planes)
+    draw_rim(made, surface.faces, surface.uv, surface.edge_vertices, surface.edge_faces, front, half, 0, 0, 70, 60, words, planes)
     edges = surface.edge_vertices[front[surface.edge_faces[:, 0]] != front[surface.edge_faces[:, 1]]]
     ends = (points[:, :2] / points[:, 3:])[edges]
     y, x = np.nonzero(before[:, :70] == EMPTY)
@@ -151,20 +152,21 @@ def test_rim_reaches_every_pixel_beside_an_outline_edge_from_the_nearest_one():
     t = ((centres[:, None] - ends[None, :, 0]) * along).sum(axis=2) / (along**2).sum(axis=1)
     away = np.linalg.norm(centres[:, None] - ends[:, 0] - t.clip(0, 1)[:, :, None] * along, axis=2)
     number = (words[:, :70] & FACE_MASK)[y, x]
-    reached = away.min(axis=1) < HALF_WIDTH - 1e-6
+    reached = away.min(axis=1) < half - 1e-6
     assert reached.sum() > 100
-    assert np.array_equal(number != FACE_MASK, away.min(axis=1) <= HALF_WIDTH)
+    assert np.array_equal(number != FACE_MASK, away.min(axis=1) <= half)
     chosen = number[reached] - len(surface.faces)
     assert np.allclose(away[reached, chosen], away[reached].min(axis=1), atol=1e-4)
     assert np.array_equal(words[:, :70][before[:, :70] != EMPTY], before[:, :70][before[:, :70] != EMPTY])
 
 
-def test_places_on_the_rim_lie_between_the_ends_of_their_edge():
+@pytest.mark.parametrize("half", [LEAST_HALF_WIDTH, 7.5])
+def test_places_on_the_rim_lie_between_the_ends_of_their_edge(half):
     asset = clippable("torus")
     _, matrix = camera_points(asset, {"eye": [2.0, 1.5, 2.5], "fov_y_deg": 60}, 70, 60)
     surface = hull_surface(asset)
     made, planes, front, words = drawn(surface, matrix, 70, 60)
-    draw_rim(made, surface.faces, surface.uv, surface.edge_vertices, surface.edge_faces, front, 0, 0, 70, 60, words, planes)
+    draw_rim(made, surface.faces, surface.uv, surface.edge_vertices, surface.edge_faces, front, half, 0, 0, 70, 60, words, planes)
     number = words[:, :70] & FACE_MASK
     beside = front[surface.edge_faces]
     outline = np.flatnonzero(beside[:, 0] != beside[:, 1])
