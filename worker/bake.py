@@ -25,6 +25,8 @@ INSET = 1.0 / 64.0
 LIFT = 4e-6
 """Normalised units by which a ray starts outside the hull: some thirty units in the last place of a float32 at 1."""
 RAYS_AT_ONCE = 1 << 18
+MOST_HALVINGS = 3
+"""Of a texture that is finer than the map: deeper means would mix what a texture has side by side (`worker.loading.colors.GAP`)."""
 MOST_INNER_SIDES = 16
 """Inner sides a ray passes before it counts as a miss; only self-intersecting originals have any before an outer side."""
 
@@ -209,26 +211,42 @@ class _Shooter:
 
 
 class _Colors:
-    """The original's appearance, ready to be sampled."""
+    """The original's appearance, ready to be sampled: positions (v, 3) f4, faces (f, 3) i4."""
 
-    def __init__(self, appearance: dict[str, Array]) -> None:
+    def __init__(self, appearance: dict[str, Array], positions: F4, faces: I4) -> None:
         self._corner = appearance.get("corner_color")
         self._uv, self._texture = appearance.get("corner_uv"), appearance.get("texture")
         self._table = bake_color.linear_table()
+        if self._uv is not None and self._texture is not None:
+            self._texels, self._levels = _pyramid(np.array(self._texture, np.uint8), self._table)
+            height, width = self._texture.shape[:2]
+            self._density = bake_color.texel_densities(self._uv, positions, faces, width, height)
 
     @property
     def any(self) -> bool:
         """Whether there is a colour at all; coordinates without a texture are none."""
         return self._corner is not None or (self._uv is not None and self._texture is not None)
 
-    def sample(self, face: I4, weights: F8) -> F8:
-        """(n, 4) f8 linear, straight alpha."""
+    def sample(self, face: I4, weights: F8, areas: F8) -> F8:
+        """(n, 4) f8 linear, straight alpha; areas (n,) f8: of the surface that each sample stands for."""
         color = np.ones((len(face), 4))
         if self._corner is not None:
             color *= bake_color.corner_colors(self._corner, face, weights, self._table)
         if self._uv is not None and self._texture is not None:
-            color *= bake_color.texture_colors(self._uv, self._texture, face, weights, self._table)
+            footprints = areas * self._density[face]
+            color *= bake_color.texture_colors(self._uv, self._texels, self._levels, face, weights, footprints, self._table)
         return color
+
+
+def _pyramid(texture: U1, table: F8) -> tuple[U1, Array]:
+    """(texels (t, 4) u1, levels (l, 3) i8 first texel, width, height): a texture and its means over 2 x 2 to 8 x 8 texels."""
+    images = [texture]
+    while len(images) <= MOST_HALVINGS and max(images[-1].shape[:2]) > 1:
+        images.append(bake_color.halved(images[-1], table))
+    sizes = [(image.shape[0] * image.shape[1], image.shape[1], image.shape[0]) for image in images]
+    first = np.cumsum([0, *(count for count, _, _ in sizes)])[:-1]
+    levels = np.array([(start, width, height) for start, (_, width, height) in zip(first, sizes, strict=True)], np.int64)
+    return np.concatenate([image.reshape(-1, 4) for image in images]), levels
 
 
 def _encode_normals(normals: F8) -> U1:
@@ -240,6 +258,12 @@ def _encode_colors(linear: F8) -> U1:
     srgb = np.where(c <= 0.0031308, 12.92 * c, 1.055 * np.power(c, 1.0 / 2.4) - 0.055)
     srgb[:, 3] = c[:, 3]
     return np.rint(srgb * 255.0).astype(np.uint8)
+
+
+def _texel_areas(positions: F4, faces: I4, side: int) -> F8:
+    """(hf,) f8: area of a hull face that one texel of its tile stands for."""
+    p = positions.astype(np.float64)[faces]
+    return np.asarray(np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1) / side**2)
 
 
 def _right_angles(positions: F4, faces: I4) -> I4:
@@ -273,7 +297,8 @@ def bake_maps(  # noqa: PLR0913, PLR0917 - two meshes of three arrays each
     layout = TileLayout.fitting(len(hull_faces), texels)
     turns = _right_angles(hull_positions, hull_faces)
     across = face_normals(hull_positions, hull_faces)
-    colors = _Colors(appearance or {})
+    colors = _Colors(appearance or {}, positions, faces)
+    areas = _texel_areas(hull_positions, hull_faces, layout.side)
     normal = np.full((layout.height, layout.width, 3), (128, 128, 255), np.uint8)
     color = np.zeros((layout.height, layout.width, 4), np.uint8) if colors.any else None
     rows = faces if corner_normals is None else corner_normals
@@ -289,7 +314,7 @@ def bake_maps(  # noqa: PLR0913, PLR0917 - two meshes of three arrays each
         found = bake_tiles.sampled_normals(positions, faces, normals, rows, face, weights)
         bake_tiles.place_texels(_encode_normals(bake_tiles.with_padding(found, layout.side)), normal, *place)
         if color is not None:
-            found = colors.sample(face, weights)
+            found = colors.sample(face, weights, np.repeat(areas[first:last], per_tile))
             bake_tiles.place_texels(_encode_colors(bake_tiles.with_padding(found, layout.side)), color, *place)
         progress(last / layout.faces)
     return Maps(layout.tile_uv(turns), normal, color, shooter.missed, layout.faces * per_tile, layout.side)

@@ -392,8 +392,64 @@ def test_transparent_texels_lend_no_colour():
     face = np.zeros(1, np.int32)
     texture = np.array([[[255, 0, 0, 255], [0, 255, 0, 0]]], np.uint8)
     uv = np.full((1, 3, 2), 0.5, np.float32)
-    colour = bake_color.texture_colors(uv, texture, face, np.full((1, 3), 1 / 3), bake_color.linear_table())
+    levels = np.array([[0, texture.shape[1], texture.shape[0]]])
+    weights, table = np.full((1, 3), 1 / 3), bake_color.linear_table()
+    colour = bake_color.texture_colors(uv, texture.reshape(-1, 4), levels, face, weights, np.ones(1), table)
     assert np.allclose(colour, [[1.0, 0.0, 0.0, 0.5]])
+
+
+def checker(side):
+    texture = np.full((side, side, 4), 255, np.uint8)
+    texture[..., :3] = (np.add.outer(np.arange(side), np.arange(side)) % 2 * 255)[..., None]
+    return texture
+
+
+def test_texture_finer_than_the_map_is_averaged_in_linear_light(ball):
+    """Black and white in equal parts are half the light: byte 188. A mean of bytes is 128, and a single texel 0 or 255."""
+    (positions, faces), hull = ball
+    uv = (positions[:, :2] * 0.45 + 0.5).astype(np.float32)[faces]
+    maps = bake(hull, (positions, faces), {"corner_uv": uv, "texture": checker(1024)}, texels=128)
+    front = np.abs(face_normals(hull[0], hull[1])[:, 2]) > 0.7
+    owner = TileLayout.of(maps.tile_uv, *maps.color.shape[1::-1]).owners()
+    shown = maps.color[(owner >= 0) & front[owner]][:, :3].astype(int)
+    assert len(shown) > 500
+    assert np.abs(shown - 188).max() <= 12
+    assert abs(shown.mean() - 188) <= 1.0
+
+
+def test_texture_as_coarse_as_the_map_is_left_sharp(ball):
+    (positions, faces), hull = ball
+    texture = np.zeros((16, 16, 4), np.uint8)
+    texture[:, 8:] = 255
+    texture[..., 3] = 255
+    uv = (positions[:, :2] * 0.5 + 0.5).astype(np.float32)[faces]
+    maps = bake(hull, (positions, faces), {"corner_uv": uv, "texture": texture}, texels=512)
+    inside = maps.color[maps.color[..., 3] > 0][:, 0]
+    assert ((inside < 5) | (inside > 250)).mean() > 0.85
+
+
+@pytest.mark.parametrize("size", [(8, 8), (7, 5), (2, 9), (1, 1), (6, 1)])
+def test_halved_texture_keeps_the_light_and_the_opacity(size):
+    rng = np.random.default_rng(3)
+    texture = rng.integers(0, 256, (*size, 4)).astype(np.uint8)
+    half = bake_color.halved(texture, bake_color.linear_table())
+    assert half.shape == (max(size[0] // 2, 1), max(size[1] // 2, 1), 4)
+    light = [(linear(image[..., :3]) * image[..., 3:] / 255.0).mean(axis=(0, 1)) for image in (texture, half)]
+    assert np.abs(light[0] - light[1]).max() < 0.01
+    assert abs(texture[..., 3].mean() - half[..., 3].mean()) < 0.6
+
+
+def test_halved_checker_is_half_the_light():
+    assert (bake_color.halved(checker(8), bake_color.linear_table()) == (188, 188, 188, 255)).all()
+
+
+def test_where_all_is_transparent_the_colours_stay():
+    """Pictures are opaque, so that black there would show."""
+    texture = np.array([[[200, 100, 50, 0], [200, 100, 50, 0]], [[200, 100, 50, 0], [200, 100, 50, 0]]], np.uint8)
+    assert (bake_color.halved(texture, bake_color.linear_table()) == (200, 100, 50, 0)).all()
+    corners = np.full((1, 3, 4), (200, 100, 50, 0), np.uint8)
+    found = bake_color.corner_colors(corners, np.zeros(1, np.int32), np.full((1, 3), 1 / 3), bake_color.linear_table())
+    assert np.allclose(found, [[*linear([200, 100, 50]), 0.0]])
 
 
 def test_without_appearance_there_is_no_colour_map(ball):

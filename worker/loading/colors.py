@@ -13,13 +13,14 @@ import numpy as np
 from schemas.conventions import F4, F8, U1, Array
 from worker.loading.limits import LoadLimits
 from worker.loading.parsed import Piece
+from worker.loading.srgb import encoded, multiplied, resized
 
 NO_COLOR = (200, 200, 200, 255)
 """Of a part without any colour beside parts that have one; the default of `schemas.render.Shading`."""
 MAX_PIXELS = 1 << 27
 """Pixels of a picture that is decoded at all."""
-GAP = 4
-"""Texels between packed textures, filled with their border so that filtering never mixes two."""
+GAP = 16
+"""Texels about each packed texture, filled with its border so that filtering never mixes two, by means of 8 x 8 texels either."""
 
 
 def collect(pieces: list[Piece], kind: str, limits: LoadLimits) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -74,7 +75,7 @@ def _corner_colors(piece: Piece, linear: bool) -> U1 | None:
     if factor is not None:
         tint = _as_bytes(np.asarray(factor).reshape(1, -1), linear)
         base = _constant(piece, (255, 255, 255, 255)) if color is None else color
-        color = ((base.astype(np.uint16) * tint[0] + 127) // 255).astype(np.uint8)
+        color = multiplied(base, tint[0])
     if color is not None and linear and getattr(material, "alphaMode", None) in (None, "OPAQUE"):
         color[..., 3] = 255
     return color
@@ -92,8 +93,7 @@ def _as_bytes(values: Array, linear: bool) -> U1:
     if unit.shape[1] == 3:
         unit = np.column_stack([unit, np.ones(len(unit))])
     if linear:
-        rgb = unit[:, :3]
-        unit[:, :3] = np.where(rgb <= 0.0031308, rgb * 12.92, 1.055 * np.power(rgb, 1.0 / 2.4) - 0.055)
+        return np.column_stack([encoded(unit[:, :3]), np.rint(unit[:, 3] * 255.0).astype(np.uint8)])
     return np.rint(unit * 255.0).astype(np.uint8)
 
 
@@ -135,12 +135,9 @@ def _decode(image: Any, opaque: bool, decoded: list[Any]) -> int | None:
 
 
 def _shrunk(image: Any, longest: int) -> U1:
-    from PIL import Image
-
     factor = longest / max(image.size)
     if factor < 1.0:
-        size = tuple(max(1, int(s * factor)) for s in image.size)
-        image = image.resize(size, Image.Resampling.BOX)
+        return resized(image, *(max(1, int(s * factor)) for s in image.size))
     return np.ascontiguousarray(np.asarray(image, np.uint8))
 
 
@@ -191,8 +188,7 @@ def _packed(textures: list[U1], use: list[int | None], uv: list[F4], corner_colo
 def _scaled(texture: U1, factor: float) -> U1:
     from PIL import Image
 
-    size = [max(1, int(s * factor)) for s in (texture.shape[1], texture.shape[0])]
-    return np.ascontiguousarray(np.asarray(Image.fromarray(texture).resize(size, Image.Resampling.BOX), np.uint8))
+    return resized(Image.fromarray(texture), *(max(1, int(s * factor)) for s in (texture.shape[1], texture.shape[0])))
 
 
 def _sampled(texture: U1, uv: F8, tint: U1) -> U1:
@@ -200,4 +196,4 @@ def _sampled(texture: U1, uv: F8, tint: U1) -> U1:
     wrapped = uv - np.floor(uv)
     x = np.minimum((wrapped[..., 0] * texture.shape[1]).astype(int), texture.shape[1] - 1)
     y = np.minimum(((1.0 - wrapped[..., 1]) * texture.shape[0]).astype(int), texture.shape[0] - 1)
-    return ((texture[y, x].astype(np.uint16) * tint + 127) // 255).astype(np.uint8)
+    return multiplied(texture[y, x], tint)

@@ -146,6 +146,17 @@ def test_a_base_colour_tints_the_texture():
     assert np.abs(colors[:, 0] - points[:, 0]).max() < 0.04 and np.abs(colors[:, 1]).max() == 0
 
 
+def test_a_base_colour_tints_vertex_colours_as_light():
+    """glTF's factor and vertex colours are linear; a quarter of a quarter is a sixteenth of the light."""
+    vertices, faces = square()
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[64, 64, 64, 255])
+    mesh = trimesh.Trimesh(vertices, faces, visual=trimesh.visual.TextureVisuals(material=material), process=False)
+    mesh.visual.vertex_attributes["color"] = np.full((len(vertices), 4), (64, 64, 64, 255), np.uint8)
+    result = parsed(exported(mesh, "glb"), "glb")
+    sixteenth = (64 / 255) ** 2
+    assert np.abs(result.appearance["corner_color"][..., :3] - (1.055 * sixteenth ** (1 / 2.4) - 0.055) * 255).max() <= 1.0
+
+
 def test_coordinates_outside_the_texture_repeat_it():
     vertices, faces = square()
     moved = parsed(exported(textured((vertices, faces), ramp(), vertices[:, :2] + [3, -2]), "glb"), "glb")
