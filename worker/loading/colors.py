@@ -67,7 +67,7 @@ def _corner_colors(piece: Piece, linear: bool) -> U1 | None:
     face = raw.get("face_colors")
     material = getattr(visual, "material", None)
     factor = getattr(material, "baseColorFactor", None) if linear else None
-    color: U1 | None = None
+    color: U1 | None = raw.get("corner_colors")
     if vertex is not None and len(vertex) == len(piece.vertices):
         color = _as_bytes(np.asarray(vertex), linear)[piece.faces]
     elif face is not None and len(face) == len(piece.faces):

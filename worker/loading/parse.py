@@ -16,6 +16,7 @@ from worker.loading.faults import parse_failed, rejected
 from worker.loading.headers import glb, ply
 from worker.loading.limits import LoadLimits
 from worker.loading.obj_reader import read_obj
+from worker.loading.off_reader import read_off
 from worker.loading.parsed import I8, Parsed, Piece
 
 
@@ -55,12 +56,27 @@ def _read(kind: str, data: bytes, limits: LoadLimits) -> dict[str, Any]:
 
     if kind == "obj":
         return read_obj(data, limits)
+    if kind == "off":
+        return read_off(data, limits)
     stream = io.BytesIO(data)
     if kind == "stl":
         return stl.load_stl(stream)
     if kind == "ply":
         return _read_ply(ply_reader.load_ply(stream, resolver=None, skip_materials=True), ply.read_header(data))
-    return load.mesh_loaders[kind](file_obj=stream, file_type=kind, resolver=None)
+    raw = load.mesh_loaders[kind](file_obj=stream, file_type=kind, resolver=None)
+    return _with_colors(raw, data) if kind == "3mf" else raw
+
+
+def _with_colors(raw: dict[str, Any], data: bytes) -> dict[str, Any]:
+    """A 3MF description with the colours of its objects, where the reader told the same objects apart."""
+    from worker.loading.threemf_colors import corner_colors
+
+    colors, parts = corner_colors(data), list(raw.get("geometry", {}).values())
+    if colors is not None and len(colors) == len(parts):
+        for part, shades in zip(parts, colors, strict=True):
+            if shades is not None and len(shades) == len(part["faces"]):
+                part["corner_colors"] = shades
+    return raw
 
 
 def _read_ply(raw: dict[str, Any], header: ply.Header) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import zipfile
 
 import numpy as np
 import pytest
@@ -250,3 +251,110 @@ def test_real_textured_meshes_keep_their_texture():
     points, colors = colored_points(spot.appearance, spot.positions, spot.faces, 3000)
     low = points[:, 1] < points[:, 1].min() + 0.08 * np.ptp(points[:, 1])
     assert colors[low, :3].mean() < 0.45 < colors[~low, :3].mean()
+
+
+QUADS = """4 2 0
+0 0 0{0}
+1 0 0{1}
+1 1 0{2}
+0 1 1{3}
+4 0 1 2 3{4}
+3 0 1 3{5}
+"""
+
+
+def off(head, *tails):
+    return f"{head}\n{QUADS.format(*tails, *[''] * (6 - len(tails)))}".encode()
+
+
+@pytest.mark.parametrize(
+    ("head", "tails"),
+    [
+        ("COFF", (" 255 0 0 255", " 0 255 0 255", " 0 0 255 255", " 128 128 128 51")),
+        ("COFF", (" 1 0 0 1", " 0 1 0 1.0", " 0 0 1 1", " 0.50196 0.50196 0.50196 0.2")),
+        ("CNOFF", (" 0 0 1 255 0 0 255", " 0 0 1 0 255 0 255", " 0 0 1 0 0 255 255", " 0 0 1 128 128 128 51")),
+        ("coff", (" 255 0 0 255 # red", " 0 255 0 255", " 0 0 255 255", " 128 128 128 51")),
+    ],
+)
+def test_vertex_colours_of_an_off_file_are_read(head, tails):
+    result = parsed(off(head, *tails), "off")
+    bytes_of = np.array([[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [128, 128, 128, 51]])
+    np.testing.assert_array_equal(result.appearance["corner_color"], bytes_of[result.faces])
+    assert result.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 3]]
+
+
+def test_vertex_colours_without_alpha_are_opaque():
+    result = parsed(off("COFF", " 9 0 0", " 9 0 0", " 9 0 0", " 9 0 0"), "off")
+    assert (result.appearance["corner_color"] == (9, 0, 0, 255)).all()
+
+
+def test_face_colours_of_an_off_file_stay_with_all_triangles_of_their_polygon():
+    result = parsed(off("OFF", "", "", "", "", " 10 20 30"), "off")
+    assert result.appearance["corner_color"][:, 0].tolist() == [[10, 20, 30, 255], [10, 20, 30, 255], [200, 200, 200, 255]]
+    result = parsed(off("OFF", "", "", "", "", " 1.0 0.0 0.0 0.2", " 0.0 0.0 1.0"), "off")
+    assert result.appearance["corner_color"][:, 2].tolist() == [[255, 0, 0, 51], [255, 0, 0, 51], [0, 0, 255, 255]]
+
+
+@pytest.mark.parametrize(
+    ("head", "tails"), [("OFF", ()), ("NOFF", (" 0 0 1",) * 4), ("OFF", ("", "", "", "", " 3")), ("OFF", (" 7 7 7",) * 4)]
+)
+def test_numbers_of_an_off_file_that_are_no_colours_are_not_taken_for_some(head, tails):
+    assert parsed(off(head, *tails), "off").appearance == {}
+
+
+CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+MATERIALS = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
+CORNERS = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)))
+
+
+def threemf(resources, objects, encoding="utf-8"):
+    """objects: (attributes, the four triangles' attributes) each."""
+    corners = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    text = (
+        f'<?xml version="1.0" encoding="{encoding}"?><model unit="millimeter" xmlns="{CORE}" xmlns:m="{MATERIALS}"><resources>{resources}'
+    )
+    for number, (attributes, picks) in enumerate(objects, start=100):
+        triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}" {pick}/>' for (a, b, c), pick in zip(corners, picks, strict=True))
+        text += f'<object id="{number}" type="model" {attributes}><mesh><vertices>{CORNERS}</vertices><triangles>{triangles}</triangles>'
+        text += "</mesh></object>"
+    items = "".join(f'<item objectid="{100 + i}" transform="1 0 0 0 1 0 0 0 1 {3 * i} 0 0"/>' for i in range(len(objects)))
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", f"{text}</resources><build>{items}</build></model>".encode(encoding))
+    return out.getvalue()
+
+
+PAINTS = '<basematerials id="1"><base name="a" displaycolor="#FF8000"/><base name="b" displaycolor="#0000FF80"/></basematerials>'
+GROUP = '<m:colorgroup id="2"><m:color color="#FF0000"/><m:color color="#00FF00FF"/><m:color color="#0000FF"/></m:colorgroup>'
+RED, GREEN, BLUE, GREY = [255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [200, 200, 200, 255]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_colours_of_a_3mf_file_are_read_for_each_corner(encoding):
+    picks = ('pid="2" p1="0" p2="1" p3="2"', 'pid="2" p1="1"', "", 'p1="1"')
+    result = parsed(threemf(PAINTS + GROUP, [('pid="1" pindex="0"', picks)], encoding), "3mf")
+    orange, glass = [255, 128, 0, 255], [0, 0, 255, 128]
+    assert result.appearance["corner_color"].tolist() == [[RED, GREEN, BLUE], [GREEN] * 3, [orange] * 3, [glass] * 3]
+
+
+def test_every_object_of_a_3mf_file_has_its_own_colours():
+    plain, red, blue = [""] * 4, ['pid="2" p1="0"'] * 4, [""] * 4
+    result = parsed(threemf(GROUP, [("", plain), ("", red), ('pid="2" pindex="2"', blue)]), "3mf")
+    side = result.positions[result.faces][:, :, 0].mean(axis=1) // 3
+    for number, color in enumerate((GREY, RED, BLUE)):
+        assert (result.appearance["corner_color"][side == number] == color).all()
+        assert (side == number).sum() == 4
+
+
+@pytest.mark.parametrize("pick", ['pid="2" p1="3"', 'pid="9" p1="0"', 'pid="2" p1="-1"', 'pid="2" p1="x"', 'pid="2" p1="99999999999"'])
+def test_colours_of_a_3mf_file_that_are_not_there_are_none(pick):
+    assert parsed(threemf(GROUP, [("", [pick] * 4)]), "3mf").appearance == {}
+    mixed = parsed(threemf(GROUP, [("", [pick, 'pid="2" p1="0"', pick, pick])]), "3mf").appearance["corner_color"]
+    assert mixed[:, 0].tolist() == [GREY, RED, GREY, GREY]
+
+
+@pytest.mark.parametrize("text", ["red", "#12345", "#GG0000", ""])
+def test_colour_of_a_3mf_file_that_is_none_is_grey(text):
+    group = f'<m:colorgroup id="2"><m:color color="{text}"/></m:colorgroup>'
+    result = parsed(threemf(group, [('pid="2" pindex="0"', [""] * 4)]), "3mf")
+    assert (result.appearance["corner_color"] == GREY).all()

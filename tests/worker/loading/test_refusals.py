@@ -124,7 +124,7 @@ def test_an_index_out_of_range_is_refused_in_obj(index):
 
 
 def test_an_index_out_of_range_is_refused_in_off_3mf_and_glb():
-    assert code(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "off") == "parse-failed"
+    assert code(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "off") == "index-out-of-range"
     data = as_bytes(cube(), "glb")
     faces = cube()[1].astype("<u4")
     spoilt = faces.copy()

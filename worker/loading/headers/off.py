@@ -15,6 +15,18 @@ def looks_like(data: bytes) -> bool:
     return _HEAD.match(data[:4096]) is not None
 
 
+def statements(data: bytes) -> tuple[bytes, list[bytes]]:
+    """(the first word in capitals, all that follow it without comments and empty lines: counts, vertices, faces).
+
+    Raises MeshRejectedError when it is no OFF.
+    """
+    head = _HEAD.match(data[:4096])
+    if head is None:
+        raise rejected("not-a-mesh", "The file is named OFF, but does not start with OFF.")
+    lines = [s for line in data[head.end() :].splitlines() if (s := line.split(b"#", 1)[0].strip())]
+    return head[1].upper(), lines
+
+
 def check(data: bytes, limits: LoadLimits) -> None:
     """Refuse variants that are not three-dimensional text, and counts the file has no lines for."""
     head = _HEAD.match(data[:4096])
@@ -23,7 +35,7 @@ def check(data: bytes, limits: LoadLimits) -> None:
     kind = head[1].upper()
     if head[2] or b"4" in kind or b"nOFF" in head[1] or b"ST" in kind:
         raise rejected("unsupported-feature", "Only text OFF files with three coordinates a vertex are read.")
-    lines = [s for line in data[head.end() :].splitlines() if (s := line.split(b"#", 1)[0].strip())]
+    _, lines = statements(data)
     counts = lines[0].split() if lines else []
     if len(counts) < 2 or not all(c.isdigit() and len(c) < 19 for c in counts[:2]):
         raise rejected("not-a-mesh", "The OFF file does not give its counts of vertices and faces.")
