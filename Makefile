@@ -3,9 +3,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 MESH ?=
-BENCH_MESHES ?= knot
 
-.PHONY: help setup setup-dev demo test check format bench serve lock clean
+.PHONY: help setup setup-dev setup-bench demo test check format bench serve lock clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -15,6 +14,9 @@ setup:  ## .venv with the locked packages, and the system's EGL and Mesa librari
 
 setup-dev:  ## the same with the tools for tests and checks
 	@$(PYTHON) setup/bootstrap.py --dev
+
+setup-bench:  ## the same with what the benchmarks compare with: libigl, Nested Cages, VTK; and matplotlib
+	@$(PYTHON) setup/bootstrap.py --bench
 
 demo: setup  ## upload, preprocess, render: writes demo/*.png, *.svg, *.json; MESH=path for a mesh of your own
 	@$(BIN)/silhouette demo $(MESH) --out demo
@@ -28,10 +30,10 @@ check: setup-dev  ## style, types, import directions
 format: setup-dev  ## rewrite the sources in the project's format
 	@$(BIN)/ruff check --fix-only --quiet . ; $(BIN)/ruff format .
 
-bench: setup-dev  ## all benchmarks; BENCH_MESHES="path path ..." for meshes of your own
-	@for mesh in $(BENCH_MESHES); do for bench in preprocess extraction frame; do \
-	  $(BIN)/python -m benchmarks.$$bench "$$mesh" || exit 1; done; \
-	  $(BIN)/python -m benchmarks.hull "$$mesh" --faces 500,1000 --out benchmarks/out || exit 1; done
+bench: setup-bench  ## all benchmarks and the tables in docs/results; MESH=path for one mesh of your own
+	@if [ -n "$(MESH)" ]; then for table in preprocessing hulls table2 table1; do \
+	  $(BIN)/python -m benchmarks.tables.$$table "$(MESH)" || exit 1; done; \
+	else $(BIN)/python -m benchmarks; fi
 
 serve: setup  ## the service on http://127.0.0.1:8000
 	@$(BIN)/silhouette serve
@@ -39,6 +41,7 @@ serve: setup  ## the service on http://127.0.0.1:8000
 lock: setup-dev  ## resolve the locked versions again (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header -q pyproject.toml requirements/build.in -o requirements/run.lock
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header -q --extra dev pyproject.toml requirements/build.in -o requirements/dev.lock
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header -q --extra dev --extra bench pyproject.toml requirements/build.in -o requirements/bench.lock
 
 clean:  ## remove what was built
 	rm -rf .venv build dist demo *.egg-info .pytest_cache .mypy_cache .ruff_cache

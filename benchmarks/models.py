@@ -17,7 +17,7 @@ MESH_HELP = "a mesh file, knot, holes3, or the name of a scan in ../shared/data"
 
 
 class AbsentError(LookupError):
-    """There is no mesh of this name on this machine."""
+    """A mesh, or something to compare with, is not on this machine."""
 
 
 @contextmanager

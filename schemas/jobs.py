@@ -14,10 +14,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     "load": (),
     "hull": ("load",),
     "bake": ("hull",),
-    "levels": ("hull",),
     "tree": ("load",),
-    "inner": ("load",),
-    "verify": ("bake", "levels", "tree", "inner"),
+    "verify": ("bake", "tree"),
 }
-"""Stage -> the stages that must be done (or skipped) before it; of those that are due, earlier ones are started first. Publishing
-the manifest ends `verify`."""
+"""Stage -> the stages that must be done (or skipped) before it. Publishing the manifest ends `verify`."""

@@ -1,6 +1,6 @@
 """Set up everything the project needs on a fresh Debian or Ubuntu, with nothing but Python 3.11+ and git.
 
-    python3 setup/bootstrap.py [--dev]
+    python3 setup/bootstrap.py [--dev | --bench]
 
 Makes `.venv/`, installs the locked packages (and the project itself, editable), installs the system's EGL and Mesa
 libraries through apt when they are missing, and compiles the kernels, so that the first request finds them warm. Does nothing
@@ -22,6 +22,8 @@ VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 STAMP = VENV / ".installed"
 KERNEL_STAMP = VENV / ".kernels"
+LOCKS = ("run", "dev", "bench")
+"""Each holds all packages of those before it."""
 KERNELS = ("geometry", "worker", "service", "tests")
 
 GL_LIBRARIES = {
@@ -109,7 +111,7 @@ def install_packages(lock: str) -> None:
     wanted = (*sorted((ROOT / "requirements").glob("*.lock")), ROOT / "pyproject.toml")
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in wanted)).hexdigest()
     installed = STAMP.read_text() if STAMP.exists() else ""
-    if installed in (f"{digest} {lock}", f"{digest} dev"):  # the lock for work holds all of the other
+    if installed in [f"{digest} {larger}" for larger in LOCKS[LOCKS.index(lock) :]]:
         return
     say(f"installing the packages of {lock_file.relative_to(ROOT)}")
     pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
@@ -148,7 +150,7 @@ def use_newer_python() -> None:
 def main() -> None:
     """Do every step that is not done yet."""
     use_newer_python()
-    lock = "dev" if "--dev" in sys.argv[1:] else "run"
+    lock = next((name for name in reversed(LOCKS) if f"--{name}" in sys.argv[1:]), "run")
     install_gl()
     make_environment()
     install_packages(lock)

@@ -75,12 +75,11 @@ def test_many_advancing_at_once_enqueue_one_job(store, queue, redis_url):
     ("done", "due"),
     [
         ([], ["load"]),
-        (["load"], ["hull", "tree", "inner"]),
-        (["load", "hull"], ["bake", "levels", "tree", "inner"]),
-        (["load", "tree"], ["hull", "inner"]),
-        (["load", "hull", "bake", "levels"], ["tree", "inner"]),
-        (["load", "hull", "bake", "tree", "inner"], ["levels"]),
-        (["load", "hull", "bake", "levels", "tree", "inner"], ["verify"]),
+        (["load"], ["hull", "tree"]),
+        (["load", "hull"], ["bake", "tree"]),
+        (["load", "tree"], ["hull"]),
+        (["load", "hull", "bake"], ["tree"]),
+        (["load", "hull", "bake", "tree"], ["verify"]),
     ],
 )
 def test_stages_are_due_when_those_before_them_are_done(store, queue, done, due):
@@ -94,7 +93,7 @@ def test_stages_are_due_when_those_before_them_are_done(store, queue, done, due)
 def test_skipped_stages_count_as_done(store, queue):
     mesh_id = accept(store)
     record(store, mesh_id, "load")
-    for stage in ("hull", "bake", "levels", "tree", "inner"):
+    for stage in ("hull", "bake", "tree"):
         record(store, mesh_id, stage, "skipped")
     queue.advance(mesh_id)
     assert waiting(queue) == ["verify"]
@@ -121,7 +120,7 @@ def test_a_failed_stage_fails_the_mesh_and_drops_its_other_jobs(store, queue):
     mesh_id = accept(store)
     record(store, mesh_id, "load")
     queue.advance(mesh_id)
-    assert waiting(queue) == ["hull", "tree", "inner"]
+    assert sorted(waiting(queue)) == ["hull", "tree"]
     problem = Problem(title="The mesh cannot be used", status=422, detail="It has no faces.", code="no-faces")
     record(store, mesh_id, "hull", "failed", error=problem)
     queue.advance(mesh_id)
@@ -193,7 +192,7 @@ def test_a_redis_that_forgot_everything_is_filled_again(store, queue):
     queue.reconcile()
     queue.redis.flushall()
     assert queue.reconcile() == 2
-    assert sorted(queue.queue.get_job_ids()) == sorted([f"{first}-load", f"{second}-hull", f"{second}-tree", f"{second}-inner"])
+    assert sorted(queue.queue.get_job_ids()) == sorted([f"{first}-load", f"{second}-hull", f"{second}-tree"])
 
 
 def test_deleting_leaves_no_file_and_no_job(store, queue):
