@@ -13,24 +13,27 @@ from schemas.jobs import STAGES
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability, HullInfo, MeshStats, Problem
 
+LEVEL_STAGES = ("levels", "inner")
+"""Stages that measure hulls of several sizes; each is the name of a capability, too."""
+
 
 def build_manifest(mesh_id: str, records: Mapping[str, StageRecord | None]) -> Manifest:
     """The manifest for the records of all stages, or of those that ended when one of them failed.
 
-    Reports that it reads: `frame`, `stats`, `repairs` of load, `faces`, `volume_excess` of hull, and `capabilities` of any
-    stage, where a later stage overrides an earlier one. Raises CorruptArtifactError when a report cannot be read.
+    Reports that it reads: `frame`, `stats`, `repairs` of load, `faces`, `volume_excess` of hull, `levels` of levels and inner, and
+    `capabilities` of any stage, where a later stage overrides an earlier one. Raises CorruptArtifactError when a report cannot be read.
     """
     ended = [record for stage in STAGES if (record := records.get(stage)) is not None]
     failed = next((record for record in ended if record.outcome == "failed"), None)
     reports = {record.stage: record.report for record in ended if record.outcome == "done"}
-    load, hull = reports.get("load", {}), reports.get("hull")
+    load, capabilities = reports.get("load", {}), _capabilities(ended)
     return Manifest(
         id=mesh_id,
         status="failed" if failed else "ready",
         frame=_model(FrameRecord, load.get("frame")),
         stats=_model(MeshStats, load.get("stats")),
-        capabilities=_capabilities(ended),
-        hull=_model(HullInfo, hull),
+        capabilities=capabilities,
+        hull=_hull(reports, capabilities),
         repairs=load.get("repairs"),
         stages=ended,
         error=failed.error if failed else None,
@@ -41,6 +44,16 @@ def build_manifest(mesh_id: str, records: Mapping[str, StageRecord | None]) -> M
 def failed_record(stage: str, seconds: float, error: Problem) -> StageRecord:
     """The record of a stage that failed for good."""
     return StageRecord(stage=stage, outcome="failed", seconds=seconds, error=error)
+
+
+def _hull(reports: Mapping[str, dict[str, Any]], capabilities: Mapping[str, Capability]) -> HullInfo | None:
+    """The drawn hull, with those levels that passed their checks."""
+    if "hull" not in reports:
+        return None
+    passed = [name for name in LEVEL_STAGES if name in capabilities and capabilities[name].available]
+    levels = [level for name in passed for level in reports.get(name, {}).get("levels", [])]
+    info: HullInfo = _model(HullInfo, {**reports["hull"], "levels": levels})
+    return info
 
 
 def _capabilities(records: list[StageRecord]) -> dict[str, Capability]:

@@ -1,175 +1,105 @@
-"""Seconds and memory of every preprocessing stage of one mesh.
+"""Seconds and memory of the preprocessing of one mesh, as the service does it: a queue, and two worker processes.
 
-    python -m benchmarks.preprocess MESH [--hull-faces 1000] [--texels 1024] [--json]
+    python -m benchmarks.preprocess MESH [--hull-faces 1000] [--texels 1024] [--workers 2] [--json]
 
-MESH is a file or a name that `benchmarks.models` knows. Every stage runs in a process of its own, as in the
-workers, that has first run it on a small mesh: kernels are warm. `peak_mib` is what that process had resident at most,
-interpreter and libraries included. `two_core_seconds` is the time of hull -> bake and of the tree side by side.
+MESH is a file or a name that `benchmarks.models` knows. A small mesh goes through first, so that kernels are compiled.
+`two_core_seconds` is the time from the accepted upload to the manifest, waiting in the queue included; a stage's seconds are
+those that it took beside what ran at the same time. `peak_mib` is what a stage's process had resident at most, interpreter and
+libraries included.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import resource
+import hashlib
+import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
-from threading import BrokenBarrierError
 from typing import Any
 
-import numpy as np
-
+from backend import records
+from backend.queue import JobQueue
+from backend.settings import BackendSettings
 from benchmarks.models import mesh_file
 from benchmarks.report import mesh_parser, report
 from client.shapes import torus_knot, write_ply
+from schemas import keys
+from schemas.manifest import Accepted, Manifest
 from schemas.mesh import DEFAULT_HULL_FACES, DEFAULT_TEXELS, PreprocessOptions
+from service.embedded import EmbeddedBackend
 
-SPAWN = multiprocessing.get_context("spawn")
 Values = dict[str, Any]
+POLL_S = 0.005
+SMALL = PreprocessOptions(hull_faces=200, texels=64)
+ENVIRONMENT = {"SILHOUETTE_LOG_LEVEL": "ERROR"}
 
 
-class Workplace:
-    """A folder with the arrays that stages hand on, and the options."""
-
-    def __init__(self, folder: Path, mesh: Path, hull_faces: int, texels: int) -> None:
-        self.folder, self.mesh, self.hull_faces, self.texels = folder, mesh, hull_faces, texels
-
-    def put(self, name: str, arrays: Values) -> None:
-        """Hand on the arrays of an artifact."""
-        with (self.folder / f"{name}.npz").open("wb") as file:
-            np.savez(file, **arrays)
-
-    def get(self, name: str) -> Values:
-        """The arrays of an artifact."""
-        with np.load(self.folder / f"{name}.npz") as stored:
-            return dict(stored)
-
-
-def silent(_: float) -> None:
-    return None
+def accept(queue: JobQueue, mesh: Path, options: PreprocessOptions) -> str:
+    """Take a mesh file as an upload; the mesh's id."""
+    sha256, extension = hashlib.sha256(mesh.read_bytes()).hexdigest(), mesh.suffix.removeprefix(".")
+    upload = Path(queue.store.root) / mesh.name
+    shutil.copyfile(mesh, upload)
+    accepted = Accepted(
+        id=keys.mesh_id(sha256, extension, options),
+        name=mesh.name,
+        extension=extension,
+        upload_sha256=sha256,
+        upload_bytes=mesh.stat().st_size,
+        options=options,
+        created=datetime.now(UTC),
+    )
+    records.accept(queue.store, accepted, upload)
+    return accepted.id
 
 
-def load(at: Workplace) -> Values:
-    from worker.load import load_mesh
-
-    loaded = load_mesh(at.mesh, at.mesh.suffix, PreprocessOptions())
-    if loaded.edges is None:
-        raise SystemExit(f"this mesh has no hull: {loaded.clip.reason}")
-    edges = {"edge_vertices": loaded.edges.vertices, "edge_faces": loaded.edges.faces}
-    at.put("mesh", {"positions": loaded.positions, "faces": loaded.faces, **loaded.shading.tensors(), **edges})
-    at.put("appearance", loaded.appearance or {})
-    return {"faces": len(loaded.faces)}
-
-
-def hull(at: Workplace) -> Values:
-    from worker.bake import hull_normals
-    from worker.hull import build_hull
-
-    mesh = at.get("mesh")
-    built = build_hull(mesh["positions"], mesh["faces"], at.hull_faces, silent)
-    at.put("hull", {"positions": built.positions, "faces": built.faces, "normals": hull_normals(built.positions, built.faces)})
-    return {"hull_faces": len(built.faces), "volume_excess": round(built.volume_excess, 5)}
-
-
-def bake(at: Workplace) -> Values:
-    from worker.bake import bake_maps
-
-    mesh, coarse = at.get("mesh"), at.get("hull")
-    original = (mesh["positions"], mesh["faces"], mesh["normals"])
-    hull = (coarse["positions"], coarse["faces"], coarse["normals"])
-    maps = bake_maps(*hull, *original, at.get("appearance"), at.texels, silent, corner_normals=mesh.get("corner_normals"))
-    color = {} if maps.color is None else {"color": maps.color}
-    at.put("maps", {"tile_uv": maps.tile_uv, "normal": maps.normal, **color})
-    return {"texels": maps.texel_count, "missed_texels": maps.missed}
-
-
-def tree(at: Workplace) -> Values:
-    from worker.tree import build_tree
-
-    mesh = at.get("mesh")
-    built = build_tree(mesh["positions"], mesh["faces"], mesh["edge_vertices"], mesh["edge_faces"], silent)
-    at.put("tree", built.tensors())
-    return {"tree_nodes": len(built.skip)}
-
-
-def verify(at: Workplace) -> Values:
-    from worker.verify import verify_artifacts
-
-    verify_artifacts(*(at.get(name) for name in ("mesh", "hull", "maps", "tree")), silent)
-    return {}
-
-
-STAGES: dict[str, Callable[[Workplace], Values]] = {"load": load, "hull": hull, "bake": bake, "tree": tree, "verify": verify}
-
-
-def warm(at: Workplace, names: list[str]) -> None:
-    """Run stages, and what they need, on a small knot, so that their kernels are compiled and loaded."""
-    with tempfile.TemporaryDirectory() as folder:
-        mesh = Path(folder) / "small.ply"
-        write_ply(str(mesh), *torus_knot(60, 8))
-        small = Workplace(Path(folder), mesh, 200, 128)
-        last = max(list(STAGES).index(name) for name in names)
-        for stage in list(STAGES.values())[: last + 1]:
-            stage(small)
-
-
-def measured(at: Workplace, names: list[str], barrier: Any, results: Any) -> None:
-    """In a process of its own: warm up, wait for the others, run the stages, report."""
-    try:
-        warm(at, names)
-    except BaseException:
-        barrier.abort()
-        raise
-    barrier.wait()
+def preprocess(queue: JobQueue, mesh: Path, options: PreprocessOptions) -> tuple[float, Manifest]:
+    """(seconds, manifest) of a mesh file. Ends the program when the mesh cannot be clipped."""
+    mesh_id = accept(queue, mesh, options)
     started = time.perf_counter()
-    facts: Values = {}
-    for name in names:
-        facts |= STAGES[name](at)
+    queue.advance(mesh_id)
+    while (manifest := records.read_manifest(queue.store, mesh_id)) is None:
+        time.sleep(POLL_S)
     seconds = time.perf_counter() - started
-    kib = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    results.put({"seconds": round(seconds, 3), "peak_mib": round(kib / 1024.0, 1), "facts": facts})
+    if manifest.error is not None:
+        raise SystemExit(manifest.error.detail)
+    if manifest.hull is None:
+        raise SystemExit(f"this mesh has no hull: {manifest.capabilities['clip'].reason}")
+    return seconds, manifest
 
 
-def side_by_side(at: Workplace, *lines: list[str]) -> tuple[float, list[Values]]:
-    """Run lines of stages in parallel processes: (wall seconds from when all were warm, their reports)."""
-    barrier, results = SPAWN.Barrier(len(lines) + 1), SPAWN.Queue()
-    children = [SPAWN.Process(target=measured, args=(at, line, barrier, results)) for line in lines]
-    for child in children:
-        child.start()
-    try:
-        barrier.wait(timeout=600.0)
-        started = time.perf_counter()
-        for child in children:
-            child.join()
-        wall = time.perf_counter() - started
-        if any(child.exitcode for child in children):
-            raise SystemExit("a stage failed; its process says why above")
-        return wall, [results.get(timeout=10.0) for _ in lines]
-    except BrokenBarrierError:
-        raise SystemExit("a stage failed on a small mesh; its process says why above") from None
-    finally:
-        for child in children:
-            child.kill()
-
-
-def run(mesh: str, hull_faces: int, texels: int) -> Values:
+def run(mesh: str, hull_faces: int, texels: int, workers: int = 2) -> Values:
+    """Preprocess a mesh by name; seconds, peaks and facts of the result."""
     with tempfile.TemporaryDirectory() as folder, mesh_file(mesh) as path:
-        at = Workplace(Path(folder), path, hull_faces, texels)
-        stages, facts = [], {}
-        for name in STAGES:
-            _, (report,) = side_by_side(at, [name])
-            facts |= report.pop("facts")
-            stages.append({"name": name, **report})
-        wall, _ = side_by_side(at, ["hull", "bake"], ["tree"])
+        small = Path(folder) / "small.ply"
+        write_ply(str(small), *torus_knot(160, 16))
+        backend = EmbeddedBackend(Path(folder) / "data", workers, ENVIRONMENT)
+        backend.start()
+        try:
+            queue = JobQueue.open(BackendSettings(data_dir=backend.data_dir, redis_url=backend.redis_url))
+            preprocess(queue, small, SMALL)
+            seconds, manifest = preprocess(queue, path, PreprocessOptions(hull_faces=hull_faces, texels=texels))
+        finally:
+            backend.stop()
+    return {"mesh": Path(mesh).name, "two_core_seconds": round(seconds, 3), **described(manifest)}
+
+
+def described(manifest: Manifest) -> Values:
+    """What a manifest says of the work and its result."""
+    assert manifest.hull is not None and manifest.stats is not None
+    baked = next(record.report for record in manifest.stages if record.stage == "bake")
+    stages = [{"name": record.stage, "seconds": round(record.seconds, 3), "peak_mib": record.peak_mib or 0.0} for record in manifest.stages]
     return {
-        "mesh": Path(mesh).name,
-        "faces": facts.pop("faces"),
+        "faces": manifest.stats.faces,
         "stages": stages,
-        "total_seconds": round(sum(stage["seconds"] for stage in stages), 3),
-        "peak_mib": max(stage["peak_mib"] for stage in stages),
-        "two_core_seconds": round(wall, 3),
-        **facts,
+        "total_seconds": round(sum(record.seconds for record in manifest.stages), 3),
+        "peak_mib": max(record.peak_mib or 0.0 for record in manifest.stages),
+        "hull_faces": manifest.hull.faces,
+        "volume_excess": round(manifest.hull.volume_excess, 5),
+        "levels": [level.model_dump() for level in manifest.hull.levels],
+        "capabilities": {name: capability.available for name, capability in manifest.capabilities.items()},
+        "texels": baked["texel_count"],
+        "missed_texels": baked["missed"],
     }
 
 
@@ -179,15 +109,22 @@ def print_table(result: Values) -> None:
     for stage in result["stages"]:
         print(f"  {stage['name']:<8}{stage['seconds']:9.2f} s {stage['peak_mib']:9.0f} MiB")
     print(f"  {'total':<8}{result['total_seconds']:9.2f} s {result['peak_mib']:9.0f} MiB")
-    print(f"  hull -> bake beside tree, two processes: {result['two_core_seconds']:.2f} s")
+    print(f"  upload to manifest: {result['two_core_seconds']:.2f} s")
+    for level in result["levels"]:
+        print(
+            f"  {level['side']} level of {level['faces']} faces: {level['volume_excess']:.2%} volume, {level['distance']:.4g} away at most"
+        )
+    for name, available in result["capabilities"].items():
+        print(f"  {name}: {'yes' if available else 'no'}")
 
 
 def main() -> None:
     parser = mesh_parser(__doc__ or "")
     parser.add_argument("--hull-faces", type=int, default=DEFAULT_HULL_FACES)
     parser.add_argument("--texels", type=int, default=DEFAULT_TEXELS)
+    parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    report(lambda: run(options.mesh, options.hull_faces, options.texels), options.json, print_table)
+    report(lambda: run(options.mesh, options.hull_faces, options.texels, options.workers), options.json, print_table)
 
 
 if __name__ == "__main__":

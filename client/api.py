@@ -150,6 +150,11 @@ class Client:
         """A file made from the mesh: hull.glb, normal.png or color.png."""
         return self._send("GET", f"/v1/meshes/{mesh_id}/artifacts/{artifact}").content
 
+    def hull(self, mesh_id: str, faces: int | None = None, side: str = "outer") -> bytes:
+        """A hull of at most so many faces as binary glTF, without maps; side `outer` encloses the mesh, `inner` is enclosed by it."""
+        query = {"side": side} if faces is None else {"side": side, "faces": str(faces)}
+        return self._send("GET", f"/v1/meshes/{mesh_id}/artifacts/hull.glb", params=query).content
+
     def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:
         with self._reaching():
             answer = self._http.request(method, path, **arguments)

@@ -9,7 +9,7 @@ from typing import NoReturn
 import typer
 
 from client.commands.console import err, escaped
-from client.commands.meshes import delete, info, list_meshes, upload
+from client.commands.meshes import delete, hull, info, list_meshes, upload
 from client.commands.pictures import render, silhouette
 from client.commands.running import demo, serve, worker
 from client.errors import RequestError, ServiceError
@@ -31,6 +31,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "upload": upload,
     "render": render,
     "silhouette": silhouette,
+    "hull": hull,
     "list": list_meshes,
     "info": info,
     "delete": delete,

@@ -48,7 +48,7 @@ def replay_steps(
     return moved[used], np.ascontiguousarray(number[kept], np.int32)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _replay(positions, faces, step_vertices, step_positions):
     """Make all steps: positions (v, 3) f4 and faces (f, 3) i4 change in place; what has vanished repeats a vertex."""
     merged = np.arange(positions.shape[0])
@@ -66,7 +66,7 @@ def _replay(positions, faces, step_vertices, step_positions):
             faces[f, i] = find_root(merged, faces[f, i])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _flip(faces, merged, f, g):
     """Turn the edge of faces f and g: in f its larger vertex gives way to the apex of g, in g its smaller to that of f."""
     for i in range(3):

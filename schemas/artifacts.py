@@ -73,6 +73,9 @@ HULL_SEQUENCE = Layout(
     },
 )
 
+INNER_SEQUENCE = Layout("inner_sequence.safetensors", HULL_SEQUENCE.tensors)
+"""The same for hulls that the original encloses."""
+
 MAPS = Layout(
     "maps.safetensors",
     {
@@ -98,11 +101,30 @@ TREE = Layout(
     },
 )
 
+MOST_LEVELS = 6
+LEVELS = tuple(
+    Layout(
+        f"level_{k}.safetensors",
+        {
+            "positions": ("<f4", ("v", 3)),
+            "faces": ("<i4", ("f", 3)),
+            "edge_vertices": ("<i4", ("e", 2)),  # as in MESH
+            "edge_faces": ("<i4", ("e", 2)),
+            "bound": ("<f8", (1,)),  # no point of the level is further from the original, normalised units
+        },
+    )
+    for k in range(MOST_LEVELS)
+)
+"""Hulls that stand for the original in far views, the finest first; a mesh has the first few of them, or none."""
+
+LEVEL_TREES = tuple(Layout(f"level_{k}_tree.safetensors", TREE.tensors, TREE.optional) for k in range(MOST_LEVELS))
+"""Their search trees; edge_index is a row of the level's edges."""
+
 HULL_GLB = "hull.glb"
 NORMAL_PNG = "normal.png"
 COLOR_PNG = "color.png"
 
-LAYOUTS = (MESH, APPEARANCE, HULL, HULL_SEQUENCE, MAPS, TREE)
+LAYOUTS = (MESH, APPEARANCE, HULL, HULL_SEQUENCE, INNER_SEQUENCE, MAPS, TREE, *LEVELS, *LEVEL_TREES)
 DOWNLOADS = {
     HULL_GLB: "model/gltf-binary",
     NORMAL_PNG: "image/png",

@@ -14,7 +14,10 @@ STAGES: dict[str, tuple[str, ...]] = {
     "load": (),
     "hull": ("load",),
     "bake": ("hull",),
+    "levels": ("hull",),
     "tree": ("load",),
-    "verify": ("bake", "tree"),
+    "inner": ("load",),
+    "verify": ("bake", "levels", "tree", "inner"),
 }
-"""Stage -> the stages that must be done (or skipped) before it. Publishing the manifest ends `verify`."""
+"""Stage -> the stages that must be done (or skipped) before it; of those that are due, earlier ones are started first. Publishing
+the manifest ends `verify`."""

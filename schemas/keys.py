@@ -8,7 +8,7 @@ import re
 
 from schemas.mesh import PreprocessOptions
 
-PIPELINE_VERSION = 2
+PIPELINE_VERSION = 3
 """Part of every mesh id: raise it when artifacts of old and new code must not mix."""
 
 MESH_ID = re.compile(r"^[0-9a-f]{32}$")

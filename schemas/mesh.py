@@ -88,11 +88,21 @@ class Capability(BaseModel):
     reason: str | None = None
 
 
+class HullLevel(BaseModel):
+    """A hull of the stored sequences, measured: an outer one encloses the original, an inner one is enclosed by it."""
+
+    side: Literal["outer", "inner"]
+    faces: int
+    volume_excess: float = Field(description="as of the drawn hull; negative for an inner hull")
+    distance: float = Field(description="no point of it is further than this from the original, model units")
+
+
 class HullInfo(BaseModel):
     """The coarse hull that is drawn."""
 
     faces: int
     volume_excess: float = Field(description="(volume of the hull - volume of the original) / volume of the original")
+    levels: list[HullLevel] = Field([], description="hulls of other sizes, outer ones first, each kind from fine to coarse")
 
 
 class MeshInfo(BaseModel):

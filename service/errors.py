@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
+from backend.problems import STATUS
 from schemas import errors as tree
 from schemas.mesh import Problem
 from schemas.render import CAMERA_FORMS
@@ -20,22 +21,6 @@ from schemas.render import CAMERA_FORMS
 log = logging.getLogger("silhouette.service")
 
 PROBLEM_JSON = "application/problem+json"
-
-STATUS: dict[type[tree.SilhouetteError], tuple[int, str]] = {
-    tree.InvalidRequestError: (422, "The request is not valid"),
-    tree.CapabilityError: (422, "This mesh cannot do that"),
-    tree.MeshRejectedError: (422, "The mesh cannot be used"),
-    tree.StageFailedError: (422, "The mesh could not be processed"),
-    tree.UnknownFormatError: (415, "Unknown mesh format"),
-    tree.TooLargeError: (413, "Too large"),
-    tree.NotFoundError: (404, "Not found"),
-    tree.NotReadyError: (409, "Not ready yet"),
-    tree.BusyError: (503, "The service is busy"),
-    tree.StorageFullError: (507, "No room for the upload"),
-    tree.CorruptArtifactError: (500, "A stored artifact is damaged"),
-    tree.CancelledError: (404, "The mesh was deleted"),
-    tree.SilhouetteError: (500, "Internal error"),
-}
 
 HTTP_TITLES = {
     400: ("bad-request", "The request cannot be read", "The request is not well-formed HTTP or its body breaks its own format."),

@@ -39,6 +39,7 @@ from schemas.render import (
     Source,
 )
 from service.assets import MeshAsset, load_asset
+from service.hulls import Side, hull_file
 from service.render.renderer import Renderer
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_json, silhouette_svg
@@ -78,7 +79,8 @@ def warm(renderer: Renderer) -> None:
     clock = Stopwatch()
     try:
         with tempfile.TemporaryDirectory(prefix="silhouette-warm-") as folder:
-            asset = octahedron(Store(Path(folder)))
+            store = Store(Path(folder))
+            asset = octahedron(store)
             for request in _requests():
                 renderer.submit(asset, request).result()
             for camera in (WHOLE, BESIDE, INSIDE):
@@ -86,6 +88,7 @@ def warm(renderer: Renderer) -> None:
                     described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
                     for write in (silhouette_json, silhouette_svg, silhouette_binary):
                         write(described)
+            hull_file(store, asset, Side.OUTER, len(asset.faces))
     except (SilhouetteError, CancelledError) as error:  # busy already, or closing: then requests do the warming
         log.info("not warmed: %s", error)
     else:
@@ -117,6 +120,9 @@ def octahedron(store: Store) -> MeshAsset:
     }
     uv = np.tile(np.array([[0, 0], [1, 0], [0, 1]], np.float32), (len(faces), 1, 1))
     hull = {"positions": positions * np.float32(HULL_SIZE), "faces": faces, "normals": positions}
+    none = np.zeros(0, np.int32)
+    unshrunk: dict[str, Array] = {"step_vertices": np.zeros((0, 2), np.int32), "step_positions": np.zeros((0, 3), np.float32)}
+    unshrunk |= {"level_faces": none, "level_steps": none}
     files: list[tuple[Layout, Mapping[str, Array]]] = [
         (
             artifacts.MESH,
@@ -124,6 +130,7 @@ def octahedron(store: Store) -> MeshAsset:
         ),
         (artifacts.HULL, hull),
         (artifacts.MAPS, {"tile_uv": uv, "normal": np.full((MAP_TEXELS, MAP_TEXELS, 3), 200, np.uint8)}),
+        (artifacts.HULL_SEQUENCE, unshrunk),
         (artifacts.TREE, one_node | order),
     ]
     made = {layout.file: write_artifact(store, MESH_ID, layout, tensors, identity_of(MESH_ID, "warm")) for layout, tensors in files}

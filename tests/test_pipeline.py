@@ -17,6 +17,7 @@ from PIL import Image
 from client import Client
 from client.local import LocalService, LocalServiceError
 from client.shapes import write_ply
+from schemas.jobs import STAGES
 from tests import meshes
 from tests.meshes import shared
 
@@ -44,7 +45,7 @@ def gone(pids: list[int], seconds: float = 10.0) -> bool:
 
 def test_mesh_goes_from_bytes_to_pictures_and_edges(client, knot):
     assert knot.status == "ready"
-    assert [(stage.name, stage.status) for stage in knot.stages] == [(n, "done") for n in ("load", "hull", "bake", "tree", "verify")]
+    assert [(stage.name, stage.status) for stage in knot.stages] == [(n, "done") for n in STAGES]
     assert all(stage.seconds is not None and stage.seconds >= 0.0 for stage in knot.stages)
     assert knot.stats is not None and knot.hull is not None and knot.sphere is not None
     assert (knot.stats.vertices, knot.stats.faces, knot.stats.edges, knot.stats.closed) == (2560, 5120, 7680, True)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import io
-import json
-import struct
 from typing import Any, Protocol
 
 import numpy as np
 from PIL import Image
 
+from backend.glb import Glb, placed
 from geometry.topology import face_normals
-from schemas.conventions import F4, F8, I4, U1, Array, Frame
+from schemas.conventions import F4, F8, I4, U1, Frame
 from worker.bake import Maps, TileLayout
 from worker.kernels import bake_tiles
 
-FLOAT, LINEAR, CLAMP_TO_EDGE, ARRAY_BUFFER = 5126, 9729, 33071, 34962  # glTF's (OpenGL's) numbers
+LINEAR, CLAMP_TO_EDGE = 9729, 33071  # glTF's (OpenGL's) numbers
 
 
 class HullArrays(Protocol):
@@ -60,13 +59,13 @@ def hull_glb(hull: HullArrays, maps: Maps, frame: Frame) -> bytes:
     images = {"normal": _png(_tangent_map(maps, basis))}
     if maps.color is not None:
         images["color"] = color_png(maps)
-    file = _Glb()
+    file = Glb()
     attributes = {name: file.add_accessor(np.ascontiguousarray(values, "<f4")) for name, values in corners.items()}
     textures = {name: file.add_texture(name, data) for name, data in images.items()}
     return file.to_bytes(
         scene=0,
         scenes=[{"nodes": [0]}],
-        nodes=[{"name": "hull", "mesh": 0, "translation": list(frame.centre), "scale": [frame.scale] * 3}],
+        nodes=[placed("hull", frame)],
         meshes=[{"name": "hull", "primitives": [{"attributes": attributes, "material": 0, "mode": 4}]}],
         materials=[_material(textures, maps.color)],
         samplers=[{"magFilter": LINEAR, "minFilter": LINEAR, "wrapS": CLAMP_TO_EDGE, "wrapT": CLAMP_TO_EDGE}],
@@ -113,64 +112,3 @@ def _material(textures: dict[str, int], color: U1 | None) -> dict[str, Any]:
         alpha = color[..., 3]
         material["alphaMode"] = "BLEND" if np.any((alpha > 0) & (alpha < 255)) else "OPAQUE"
     return material
-
-
-class _Glb:
-    """A binary glTF file as it grows: one buffer, its views, accessors and images."""
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self._views: list[dict[str, Any]] = []
-        self._accessors: list[dict[str, Any]] = []
-        self._images: list[dict[str, Any]] = []
-
-    def _add_view(self, data: bytes, **more: Any) -> int:
-        self._buffer.extend(b"\0" * (-len(self._buffer) % 4))
-        self._views.append({"buffer": 0, "byteOffset": len(self._buffer), "byteLength": len(data), **more})
-        self._buffer.extend(data)
-        return len(self._views) - 1
-
-    def add_accessor(self, values: Array) -> int:
-        """Index of an accessor of (n, 2..4) f4 vertex values."""
-        low, high = values.min(axis=0), values.max(axis=0)
-        self._accessors.append(
-            {
-                "bufferView": self._add_view(values.tobytes(), target=ARRAY_BUFFER),
-                "componentType": FLOAT,
-                "count": len(values),
-                "type": f"VEC{values.shape[1]}",
-                "min": [float(x) for x in low],
-                "max": [float(x) for x in high],
-            }
-        )
-        return len(self._accessors) - 1
-
-    def add_texture(self, name: str, png: bytes) -> int:
-        """Index of a texture (and image) with sampler 0."""
-        self._images.append({"name": name, "mimeType": "image/png", "bufferView": self._add_view(png)})
-        return len(self._images) - 1
-
-    def to_bytes(self, **parts: Any) -> bytes:
-        """The file, with further top-level parts of the JSON."""
-        document = {
-            "asset": {"version": "2.0", "generator": "silhouette-service"},
-            **parts,
-            "textures": [{"sampler": 0, "source": i} for i in range(len(self._images))],
-            "images": self._images,
-            "accessors": self._accessors,
-            "bufferViews": self._views,
-            "buffers": [{"byteLength": len(self._buffer)}],
-        }
-        text = json.dumps(document, separators=(",", ":")).encode()
-        text += b" " * (-len(text) % 4)
-        data = bytes(self._buffer) + b"\0" * (-len(self._buffer) % 4)
-        total = 12 + 8 + len(text) + 8 + len(data)
-        return b"".join(
-            [
-                struct.pack("<4sII", b"glTF", 2, total),
-                struct.pack("<I4s", len(text), b"JSON"),
-                text,
-                struct.pack("<I4s", len(data), b"BIN\0"),
-                data,
-            ]
-        )

@@ -1,9 +1,10 @@
 """Does a hull enclose its original? Decided exactly for the float32 vertices, up to a stated tolerance of what cannot be seen.
 
 Silhouette Clipping, section 3: the hull's positive winding volume contains the original's. It does when no point of the
-original's surface that bounds interior lies outside the hull. Tested are all vertices, the middles of edges and faces, every
-piece of an edge of the original between its crossings with the hull, and the original's faces around every edge of the hull
-that goes through them: a face that is inside at its border and leaves the hull anyway must be run through by such an edge.
+original's surface that bounds interior lies outside the hull. Over a patch of faces that the hull does not touch the winding
+number of the hull is constant: a patch is inside when one point of it is. Of all other faces are tested the vertices, the middles
+of edges and faces, every piece of an edge between its crossings with the hull, and what lies around every edge of the hull that
+goes through them: a face that is inside at its border and leaves the hull anyway must be run through by such an edge.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geometry.topology import build_edges, face_normals
+from geometry.topology import build_edges, face_components, face_normals
 from schemas.conventions import F4, F8, I4
 from worker.kernels import bake_boxes, verify_enclosure
 
@@ -33,8 +34,8 @@ class NotEnclosedError(ValueError):
         self.point, self.distance = point, distance
 
 
-class _Solid:
-    """A closed oriented mesh with its box hierarchy."""
+class Solid:
+    """A closed oriented mesh with its box hierarchy. positions (v, 3) f4, faces (f, 3) i4."""
 
     def __init__(self, positions: F4, faces: I4) -> None:
         self.positions, self.faces = positions, faces
@@ -44,6 +45,7 @@ class _Solid:
         self.normals = face_normals(positions, faces)
 
     def winding(self, points: F8) -> tuple[I4, Values]:
+        """As `verify_enclosure.winding_numbers`."""
         winding, on = verify_enclosure.winding_numbers(self.positions, self.faces, self.order, self.boxes, points)
         return winding, on
 
@@ -53,16 +55,23 @@ class _Solid:
         side = verify_enclosure.plane_sides(self.positions, self.faces, face, points)
         return np.where((side == 0) & (square <= TOLERANCE**2), 0.0, np.sqrt(square))
 
-    def crossings(self, other: _Solid) -> I4:
-        """(n, 2) i4: (edge of other, face of this one) pairs that cross."""
-        ends = other.positions[other.edges]
+    def crossings(self, other: Solid, edges: Values) -> I4:
+        """(n, 2) i4: (edge of other, face of this one) pairs that cross; only edges (k,) of other are looked at."""
+        ends = other.positions[other.edges[edges]]
         pairs = np.empty((4096, 2), np.int32)
         while True:
             lines = (np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))
             count = verify_enclosure.crossings(self.positions, self.faces, self.order, self.boxes, *lines, pairs)
             if count <= len(pairs):
-                return np.asarray(pairs[:count])
+                return np.column_stack([edges[pairs[:count, 0]], pairs[:count, 1]]).astype(np.int32)
             pairs = np.empty((count, 2), np.int32)
+
+    def contacts(self, other: Solid) -> tuple[Values, Values]:
+        """((f,) bool of this one, (g,) bool of the other): faces that may meet the other mesh; all that do are marked."""
+        mine, theirs = np.zeros(len(self.faces), np.bool_), np.zeros(len(other.faces), np.bool_)
+        pair = (self.positions, self.faces, self.order, self.boxes, other.positions, other.faces, other.order, other.boxes)
+        verify_enclosure.contacts(*pair, mine, theirs)
+        return mine, theirs
 
 
 def enclosure_fault(positions: F4, faces: I4, hull_positions: F4, hull_faces: I4) -> int:
@@ -70,21 +79,41 @@ def enclosure_fault(positions: F4, faces: I4, hull_positions: F4, hull_faces: I4
 
     positions (v, 3) f4, faces (f, 3) i4: closed, oriented; hull_positions (hv, 3) f4, hull_faces (hf, 3) i4 as well.
     """
-    original, hull = _Solid(positions, faces), _Solid(hull_positions, hull_faces)
-    vertices = positions.astype(np.float64)
-    at_edge = original.edge_faces[:, 0]
-    face_of_vertex = np.zeros(len(positions), np.int64)
-    face_of_vertex[faces.ravel()] = np.repeat(np.arange(len(faces)), 3)
-    used = np.unique(faces)
+    return fault_between(Solid(positions, faces), Solid(hull_positions, hull_faces))
+
+
+def fault_between(original: Solid, hull: Solid) -> int:
+    """The same for meshes that are tested against several others."""
+    touched, hull_touched = original.contacts(hull)
+    vertices, faces = original.positions.astype(np.float64), original.faces
+    close = touched | _outside_untouched(original, hull, ~touched)
+    near = np.flatnonzero(close)
+    face_of_vertex = np.full(len(vertices), -1, np.int64)
+    face_of_vertex[faces[near].ravel()] = np.repeat(near, 3)
+    used = np.flatnonzero(face_of_vertex >= 0)
     grazing = _require_inside(original, hull, vertices[used], face_of_vertex[used], "a vertex of the original lies outside")
-    _require_inside(original, hull, vertices[original.edges].mean(axis=1), at_edge, "an edge of the original leaves it")
-    _require_inside(original, hull, vertices[faces].mean(axis=1), np.arange(len(faces)), "a face of the original leaves it")
-    _require_inside(original, hull, *_between_crossings(original, hull), "an edge of the original goes through it")
-    _require_inside(original, hull, *_around_crossings(original, hull), "an edge of it goes through the original")
+    edges = np.flatnonzero(close[original.edge_faces].any(axis=1))
+    middles = vertices[original.edges[edges]].mean(axis=1)
+    _require_inside(original, hull, middles, original.edge_faces[edges, 0], "an edge of the original leaves it")
+    _require_inside(original, hull, vertices[faces[near]].mean(axis=1), near, "a face of the original leaves it")
+    _require_inside(original, hull, *_between_crossings(original, hull, edges), "an edge of the original goes through it")
+    hull_edges = np.flatnonzero(hull_touched[hull.edge_faces].any(axis=1))
+    _require_inside(original, hull, *_around_crossings(original, hull, hull_edges), "an edge of it goes through the original")
     return grazing
 
 
-def _require_inside(original: _Solid, hull: _Solid, points: F8, at: Values, message: str) -> int:
+def _outside_untouched(original: Solid, hull: Solid, untouched: Values) -> Values:
+    """(f,) bool: faces in those connected patches of faces that the hull does not touch, (f,) bool, that lie outside of it."""
+    some = np.flatnonzero(untouched)
+    outside = np.zeros(len(original.faces), np.bool_)
+    labels, _ = face_components(np.ascontiguousarray(original.faces[some]), len(original.positions))
+    one = some[np.unique(labels, return_index=True)[1]]
+    winding, on = hull.winding(original.positions[original.faces[one, 0]].astype(np.float64))
+    outside[some] = ((winding <= 0) & ~on)[labels]
+    return outside
+
+
+def _require_inside(original: Solid, hull: Solid, points: F8, at: Values, message: str) -> int:
     """Points (n, 3) f8 of the original's faces `at` (n,); returns how many are outside within TOLERANCE."""
     winding, on = hull.winding(points)
     outside = np.flatnonzero((winding <= 0) & ~on)
@@ -102,9 +131,9 @@ def _require_inside(original: _Solid, hull: _Solid, points: F8, at: Values, mess
     return int(np.count_nonzero((distance > 0.0) & ~far))
 
 
-def _between_crossings(original: _Solid, hull: _Solid) -> tuple[F8, Values]:
-    """Middles of the pieces into which the hull's faces cut the original's edges, and a face beside each."""
-    pairs = hull.crossings(original)
+def _between_crossings(original: Solid, hull: Solid, edges: Values) -> tuple[F8, Values]:
+    """Middles of the pieces into which the hull's faces cut edges (k,) of the original, and a face beside each."""
+    pairs = hull.crossings(original, edges)
     along = _parameters(hull, pairs[:, 1], original.positions[original.edges[pairs[:, 0]]].astype(np.float64))
     cut = np.unique(pairs[:, 0])
     edge = np.concatenate([pairs[:, 0], cut, cut])
@@ -118,9 +147,9 @@ def _between_crossings(original: _Solid, hull: _Solid) -> tuple[F8, Values]:
     return points, original.edge_faces[edge, 0]
 
 
-def _around_crossings(original: _Solid, hull: _Solid) -> tuple[F8, Values]:
-    """Points of the original's faces a step outward from where an edge of the hull goes through them."""
-    pairs = original.crossings(hull)
+def _around_crossings(original: Solid, hull: Solid, edges: Values) -> tuple[F8, Values]:
+    """Points of the original's faces a step outward from where edges (k,) of the hull go through them."""
+    pairs = original.crossings(hull, edges)
     ends = hull.positions[hull.edges[pairs[:, 0]]].astype(np.float64)
     along = _parameters(original, pairs[:, 1], ends)
     points = ends[:, 0] + along[:, None] * (ends[:, 1] - ends[:, 0])
@@ -136,7 +165,7 @@ def _around_crossings(original: _Solid, hull: _Solid) -> tuple[F8, Values]:
     return points + step * np.minimum(1.0, exits / 2.0)[:, None], pairs[:, 1]
 
 
-def _barycentric(solid: _Solid, face: Values, points: F8) -> F8:
+def _barycentric(solid: Solid, face: Values, points: F8) -> F8:
     """(n, 3) f8 weights of points (n, 3) f8 in the planes of faces of a solid."""
     a, b, c = (solid.positions[solid.faces[face, k]].astype(np.float64) for k in range(3))
     across = np.cross(b - a, c - a)
@@ -146,7 +175,7 @@ def _barycentric(solid: _Solid, face: Values, points: F8) -> F8:
     return np.stack([1.0 - s - t, s, t], axis=1)
 
 
-def _parameters(solid: _Solid, face: Values, ends: F8) -> F8:
+def _parameters(solid: Solid, face: Values, ends: F8) -> F8:
     """(n,) f8 in [0, 1]: where segments with ends (n, 2, 3) f8 meet the planes of faces of a solid."""
     normal = solid.normals[face]
     base = solid.positions[solid.faces[face, 0]].astype(np.float64)

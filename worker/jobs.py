@@ -1,7 +1,9 @@
 """The preprocessing: which function does which stage, and what becomes of its result.
 
-    load -> hull -> bake -> verify
-         -> tree ---------/
+    load -> hull -> bake ---> verify
+                 -> levels -/
+         -> tree ----------/
+         -> inner --------/
 
 Their order is `schemas.jobs.STAGES`. A stage reads its inputs from the store, calls one pure function and hands back what to
 keep (`worker.stages`). Here that is published, all of it or nothing, with the stage's record last; then the queue looks what
@@ -36,7 +38,9 @@ STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result]] = {
     "load": stages.load,
     "hull": stages.hull,
     "bake": stages.bake,
+    "levels": stages.levels,
     "tree": stages.tree,
+    "inner": stages.inner,
     "verify": stages.verify,
 }
 

@@ -1,12 +1,14 @@
-"""The five stages, each as: inputs from the store, one pure function, what to keep.
+"""The seven stages, each as: inputs from the store, one pure function, what to keep.
 
 load    reports frame, stats, capabilities, repairs; keeps mesh, appearance
 hull    reports faces, volume_excess; keeps hull, hull_sequence
 bake    reports missed, texel_count, tile_side; keeps maps, hull.glb, normal.png, color.png
+levels  reports levels, capabilities; keeps level_0, level_0_tree, ...
 tree    reports nodes; keeps tree
-verify  reports what was checked; keeps nothing
+inner   reports levels, capabilities; keeps inner_sequence
+verify  reports what was checked, capabilities that are withheld; keeps nothing
 
-A mesh that cannot be clipped has no use for hull, bake and tree.
+A mesh that cannot be clipped has use for load and verify only.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -33,10 +35,13 @@ from schemas.errors import CorruptArtifactError
 from schemas.manifest import Accepted
 from worker import downloads
 from worker.bake import Maps, bake_maps, hull_normals
-from worker.hull import build_hull
+from worker.enclosure import Solid
+from worker.hull import Hull, build_hull
+from worker.levels import HullLevel, build_levels, hull_levels, level_sizes
 from worker.load import load_mesh
 from worker.tree import Tree, build_tree
 from worker.verify import verify_artifacts
+from worker.verify_levels import verify_inner, verify_level
 
 log = logging.getLogger("silhouette.stages")
 
@@ -145,10 +150,13 @@ def hull(inputs: Inputs) -> Result:
     mesh = inputs.tensors(artifacts.MESH)
     made = build_hull(mesh["positions"], mesh["faces"], inputs.accepted.options.hull_faces, inputs.progress)
     hull_tensors: Tensors = {"positions": made.positions, "faces": made.faces, "normals": hull_normals(made.positions, made.faces)}
-    parts = ("step_vertices", "step_positions", "level_faces", "level_steps")
-    sequence: Tensors = {part: getattr(made, part) for part in parts}
     report = {"faces": len(made.faces), "volume_excess": min(made.volume_excess, sys.float_info.max)}
-    return Result(report, [(artifacts.HULL, hull_tensors), (artifacts.HULL_SEQUENCE, sequence)])
+    return Result(report, [(artifacts.HULL, hull_tensors), (artifacts.HULL_SEQUENCE, sequence_of(made))])
+
+
+def sequence_of(made: Hull) -> Tensors:
+    """The tensors of `artifacts.HULL_SEQUENCE`."""
+    return {name: getattr(made, name) for name in artifacts.HULL_SEQUENCE.tensors}
 
 
 def bake(inputs: Inputs) -> Result:
@@ -184,6 +192,41 @@ def files_of(coarse: Tensors, maps: Maps, frame: Frame) -> dict[str, bytes]:
     return files
 
 
+def levels(inputs: Inputs) -> Result:
+    """Hulls that stand for the original in far views, with their trees."""
+    if not inputs.clippable:
+        return SKIPPED
+    mesh, sequence = inputs.tensors(artifacts.MESH), inputs.tensors(artifacts.HULL_SEQUENCE)
+    steps = (sequence["step_vertices"], sequence["step_positions"])
+    made = build_levels(mesh["positions"], mesh["faces"], steps, inputs.report("hull")["faces"], inputs.progress)
+    kept: list[tuple[Layout, Tensors]] = []
+    for place, tree_place, level in zip(artifacts.LEVELS, artifacts.LEVEL_TREES, made, strict=False):
+        kept += [(place, level.tensors()), (tree_place, level.tree.tensors())]
+    return Result(levels_report("levels", "outer", [level.hull for level in made], inputs.frame), kept)
+
+
+def levels_report(capability: str, side: str, made: list[HullLevel], frame: Frame) -> dict[str, Any]:
+    """The measured hulls as `schemas.mesh.HullLevel`, distances in model units, and whether there are any."""
+    listed = [
+        {"side": side, "faces": len(one.faces), "volume_excess": one.volume_excess, "distance": one.bound * frame.scale} for one in made
+    ]
+    reason = None if made else "the mesh is too small for hulls of other sizes to be worth it"
+    return {"levels": listed, "capabilities": {capability: {"available": bool(made), "reason": reason}}}
+
+
+def inner(inputs: Inputs) -> Result:
+    """The sequence of hulls that the original encloses."""
+    if not inputs.clippable:
+        return SKIPPED
+    mesh = inputs.tensors(artifacts.MESH)
+    surface = (mesh["positions"], mesh["faces"])
+    made = build_hull(*surface, inputs.accepted.options.hull_faces, lambda part: inputs.progress(0.9 * part), side="inner")
+    sizes = level_sizes(len(mesh["faces"]), len(made.faces)) or [len(made.faces)]
+    steps = (made.step_vertices, made.step_positions)
+    measured = hull_levels(*surface, steps, sizes, lambda part: inputs.progress(0.9 + 0.1 * part))
+    return Result(levels_report("inner", "inner", measured, inputs.frame), [(artifacts.INNER_SEQUENCE, sequence_of(made))])
+
+
 def tree(inputs: Inputs) -> Result:
     """The silhouette search tree."""
     if not inputs.clippable:
@@ -197,20 +240,49 @@ def tree(inputs: Inputs) -> Result:
 def verify(inputs: Inputs) -> Result:
     """Check the artifacts as stored, by themselves and against each other.
 
-    A fault in what clipping needs takes that capability from the mesh, which is then drawn from the original. Raises
-    CorruptArtifactError when the mesh itself is at fault.
+    A fault in what clipping needs takes that capability from the mesh, which is then drawn from the original; a fault in a level
+    or an inner hull takes those. Raises CorruptArtifactError when the mesh itself is at fault.
     """
     mesh = inputs.tensors(artifacts.MESH, verify=True)
     layouts = (artifacts.HULL, artifacts.MAPS, artifacts.TREE)
+    capabilities: dict[str, Any] = {}
+    report: dict[str, Any] = {"capabilities": capabilities}
     try:
         coarse, maps, search = (inputs.tensors_if_any(layout, verify=True) for layout in layouts)
-        return Result(verify_artifacts(mesh, coarse, maps, search, inputs.progress))
+        report |= verify_artifacts(mesh, coarse, maps, search, lambda part: inputs.progress(0.4 * part))
     except CorruptArtifactError as error:
         if error.where.get("artifact") not in CLIPPING_PARTS:
             raise
-        log.exception("clipping is withheld: %s", error.message, extra=error.where)
-        reason = f"its preprocessing did not pass the checks: {error.message}"
-        return Result({"capabilities": {"clip": {"available": False, "reason": reason}}})
+        capabilities["clip"] = withheld("clipping", error)
+    if inputs.clippable:
+        original = Solid(mesh["positions"], mesh["faces"])
+        try:
+            report["levels"] = list(verified_levels(inputs, original))
+        except CorruptArtifactError as error:
+            capabilities["levels"] = withheld("levels", error)
+        inputs.progress(0.8)
+        try:
+            sequence = inputs.tensors_if_any(artifacts.INNER_SEQUENCE, verify=True)
+            report["inner"] = verify_inner(original, sequence) if sequence else None
+        except CorruptArtifactError as error:
+            capabilities["inner"] = withheld("inner hulls", error)
+    return Result(report)
+
+
+def verified_levels(inputs: Inputs, original: Solid) -> Iterator[dict[str, Any]]:
+    """What was checked of each level that the mesh has. Raises CorruptArtifactError."""
+    places = list(zip(artifacts.LEVELS, artifacts.LEVEL_TREES, strict=True))
+    for k, (place, tree_place) in enumerate(places):
+        inputs.progress(0.4 + 0.4 * k / len(places))
+        level, search = inputs.tensors_if_any(place, verify=True), inputs.tensors_if_any(tree_place, verify=True)
+        if level is not None and search is not None:
+            yield verify_level(original, level, search)
+
+
+def withheld(what: str, error: CorruptArtifactError) -> dict[str, Any]:
+    """The capability that a mesh lost to a fault in what it needs."""
+    log.exception("%s withheld: %s", what, error.message, extra=error.where)
+    return {"available": False, "reason": f"its preprocessing did not pass the checks: {error.message}"}
 
 
 def sha256(data: bytes) -> str:

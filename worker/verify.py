@@ -48,13 +48,13 @@ def verify_artifacts(
     """
     checks: list[Check] = [("mesh", lambda: _check_mesh(mesh))]
     if "edge_vertices" in mesh:
-        checks.append(("edges", lambda: _check_edges(mesh)))
+        checks.append(("edges", lambda: check_edges(mesh)))
     if hull is not None:
         checks += [("hull", lambda: _check_hull(mesh, hull)), ("enclosure", lambda: _check_enclosure(mesh, hull))]
         if maps is not None:
             checks.append(("maps", lambda: _check_maps(hull, maps)))
     if tree is not None:
-        checks += [("tree", lambda: _check_tree(mesh, tree)), ("eyes", lambda: _check_eyes(mesh, tree))]
+        checks += [("tree", lambda: check_tree(mesh, tree)), ("eyes", lambda: _check_eyes(mesh, tree))]
     seconds: dict[str, float] = {}
     facts: dict[str, Any] = {}
     for done, (name, check) in enumerate(checks):
@@ -82,13 +82,16 @@ def _none(faulty: Any, artifact: str, check: str, message: str, place: str) -> N
     _require(index is None, artifact, check, message, **{place: index})
 
 
-def _check_surface(surface: Tensors, artifact: str) -> None:
-    """Finite positions, unit normals, faces of three different vertices."""
-    positions, faces, normals = surface["positions"], surface["faces"], surface["normals"]
+def check_surface(surface: Tensors, artifact: str) -> None:
+    """Finite positions, faces of vertices that are there. Raises CorruptArtifactError."""
+    positions, faces = surface["positions"], surface["faces"]
     _require(len(faces) > 0, artifact, "faces", "it has no faces")
     _none(~np.isfinite(positions).all(axis=1), artifact, "finite", "a position is not finite", "vertex")
     _none(((faces < 0) | (faces >= len(positions))).any(axis=1), artifact, "indices", "a face has a vertex that is not there", "face")
-    length = np.linalg.norm(normals.astype(np.float64), axis=1)
+
+
+def _check_normals(surface: Tensors, artifact: str) -> None:
+    length = np.linalg.norm(surface["normals"].astype(np.float64), axis=1)
     _none(~(np.abs(length - 1.0) <= UNIT_SLACK), artifact, "normals", "a vertex normal is not of unit length", "vertex")
 
 
@@ -101,14 +104,18 @@ def _check_shading(mesh: Tensors) -> None:
 
 
 def _check_mesh(mesh: Tensors) -> None:
-    _check_surface(mesh, "mesh")
+    check_surface(mesh, "mesh")
+    _check_normals(mesh, "mesh")
     _check_shading(mesh)
     radius = np.linalg.norm(mesh["positions"].astype(np.float64), axis=1)
     _none(radius > 1.0 + FRAME_SLACK, "mesh", "frame", "a vertex lies outside the unit sphere of the normalised frame", "vertex")
 
 
-def _check_edges(mesh: Tensors) -> None:
-    """Every half-edge of the faces is in the edge table once: forward with its left face, backward with its right face."""
+def check_edges(mesh: Tensors) -> None:
+    """Every half-edge of the faces is in the edge table once: forward with its left face, backward with its right face.
+
+    Raises CorruptArtifactError.
+    """
     vertices, sides, faces = mesh["edge_vertices"], mesh["edge_faces"], mesh["faces"]
     _require(2 * len(vertices) == 3 * len(faces), "mesh", "edges", "a closed mesh of f faces has 3 f / 2 edges")
     _none(((sides < 0) | (sides >= len(faces))).any(axis=1), "mesh", "edges", "an edge has a face that is not there", "edge")
@@ -128,7 +135,8 @@ def _half_edges(faces: Values, face: Values, edges: Values) -> Values:
 
 def _check_hull(mesh: Tensors, hull: Tensors) -> dict[str, Any]:
     """Closed, oriented, without degenerate faces, not smaller than the original."""
-    _check_surface(hull, "hull")
+    check_surface(hull, "hull")
+    _check_normals(hull, "hull")
     positions, faces = hull["positions"], hull["faces"]
     try:
         build_edges(faces)
@@ -181,8 +189,8 @@ def _tiles_in_place(layout: TileLayout, tile_uv: Values) -> Values:
     return good
 
 
-def _check_tree(mesh: Tensors, tree: Tensors) -> None:
-    """Preorder and edge lists in order, and every cone inside the half-spaces of all faces under it."""
+def check_tree(mesh: Tensors, tree: Tensors) -> None:
+    """Preorder and edge lists in order, every cone inside the half-spaces of all faces under it. Raises CorruptArtifactError."""
     skip, start, index = tree["skip"], tree["edge_start"], tree["edge_index"]
     nodes, edges = len(skip), len(mesh["edge_vertices"])
     where = int(verify_tree.unnested_node(skip))

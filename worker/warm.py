@@ -9,18 +9,21 @@ from schemas.conventions import F4, I4, Array, Frame
 from schemas.mesh import PreprocessOptions
 from worker.bake import bake_maps, hull_normals
 from worker.downloads import hull_glb
-from worker.hull import build_hull
+from worker.enclosure import Solid
+from worker.hull import Hull, build_hull
+from worker.levels import hull_levels, silhouette_levels
 from worker.load import build
 from worker.loading.parsed import Parsed
 from worker.tree import build_tree
 from worker.verify import verify_artifacts
+from worker.verify_levels import verify_inner, verify_level
 
 RINGS, SECTORS = 6, 8
 HULL_FACES, TEXELS = 24, 64
 
 
 def warm_kernels() -> None:
-    """Run load's kernels, hull, bake with its downloads, tree and verify once on a small ellipsoid."""
+    """Run load's kernels, hull, bake with its downloads, tree, levels and verify once on a small ellipsoid."""
     positions, faces = ellipsoid()
     normals, edges = vertex_normals(positions, faces), build_edges(faces)
     for vertices, triangles in ((positions, faces[1:]), touching_tetrahedra()):  # a hole to close, an edge of four faces
@@ -35,13 +38,19 @@ def warm_kernels() -> None:
     maps = bake_maps(hull.positions, hull.faces, across, positions, faces, normals, texture, TEXELS, _silent)
     hull_glb(hull, maps, Frame((0.0, 0.0, 0.0), 1.0))
     tree = build_tree(positions, faces, edges.vertices, edges.faces, _silent)
-    verify_artifacts(
-        {"positions": positions, "faces": faces, "normals": normals, "edge_vertices": edges.vertices, "edge_faces": edges.faces},
-        {"positions": hull.positions, "faces": hull.faces, "normals": across},
-        {"tile_uv": maps.tile_uv, "normal": maps.normal},
-        vars(tree),
-        _silent,
-    )
+    mesh = {"positions": positions, "faces": faces, "normals": normals, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
+    coarse = {"positions": hull.positions, "faces": hull.faces, "normals": across}
+    verify_artifacts(mesh, coarse, {"tile_uv": maps.tile_uv, "normal": maps.normal}, tree.tensors(), _silent)
+    warm_levels(positions, faces, hull)
+
+
+def warm_levels(positions: F4, faces: I4, hull: Hull) -> None:
+    """A level as if the mesh were large, and an inner hull, with their checks."""
+    steps, original = (hull.step_vertices, hull.step_positions), Solid(positions, faces)
+    (level,) = silhouette_levels(hull_levels(positions, faces, steps, [HULL_FACES], _silent), _silent)
+    verify_level(original, level.tensors(), level.tree.tensors())
+    inner = build_hull(positions, faces, HULL_FACES, _silent, side="inner")
+    verify_inner(original, {name: getattr(inner, name) for name in ("step_vertices", "step_positions", "level_faces", "level_steps")})
 
 
 def touching_tetrahedra() -> tuple[F4, I4]:

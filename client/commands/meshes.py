@@ -11,7 +11,7 @@ from rich.table import Column, Table
 
 from client.api import DEFAULT_URL, Client
 from client.commands.choosing import IdArgument, Url, chosen
-from client.commands.console import err, escaped, out, print_json
+from client.commands.console import err, escaped, out, print_json, write
 from client.progress import upload_and_wait
 from schemas.mesh import DEFAULT_HULL_FACES, DEFAULT_TEXELS, MeshInfo
 
@@ -92,6 +92,22 @@ def delete(mesh: IdArgument, url: Url = DEFAULT_URL) -> None:
         client.delete(mesh_id)
 
 
+def hull(
+    mesh: IdArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .glb; - for stdout.")],
+    faces: Annotated[int | None, typer.Option(min=4, help="At most so many faces; as many as the drawn hull if not given.")] = None,
+    inner: Annotated[bool, typer.Option("--inner", help="A hull that the mesh encloses, instead of one that encloses it.")] = False,
+    url: Url = DEFAULT_URL,
+) -> None:
+    """Write a hull of a mesh, of any size, as binary glTF.
+
+    `silhouette hull 3f2a91 -o hull.glb --faces 500` or `silhouette hull 3f2a91 -o inside.glb --inner`
+    """
+    with chosen(url, mesh) as (client, mesh_id):
+        body = client.hull(mesh_id, faces, "inner" if inner else "outer")
+    write(output, body, f"{len(body) / 1024:.1f} KiB")
+
+
 def _facts(mesh: MeshInfo) -> list[tuple[str, str]]:
     facts = [("id", mesh.id), ("name", mesh.name), ("status", str(mesh.status)), ("created", f"{mesh.created:%Y-%m-%d %H:%M:%S}")]
     if mesh.error:
@@ -101,6 +117,10 @@ def _facts(mesh: MeshInfo) -> list[tuple[str, str]]:
         facts.append(("bounds", " to ".join("({})".format(", ".join(f"{x:.6g}" for x in corner)) for corner in mesh.stats.bounds)))
     if mesh.hull:
         facts.append(("hull", f"{mesh.hull.faces:,} faces, {mesh.hull.volume_excess:.1%} more volume"))
+        facts += [
+            (f"{level.side} hull", f"{level.faces:,} faces, {level.volume_excess:+.1%} volume, at most {level.distance:.4g} away")
+            for level in mesh.hull.levels
+        ]
     for name, capability in mesh.capabilities.items():
         facts.append((name, "yes" if capability.available else f"no: {capability.reason}"))
     facts += [(f"stage {s.name}", f"{s.status} {'' if s.seconds is None else f'{s.seconds:.2f} s'}") for s in mesh.stages]

@@ -1,19 +1,24 @@
-"""Downloads of what was made from a mesh."""
+"""Downloads of what was made from a mesh, and hulls of other sizes."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from anyio import to_thread
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive, Scope, Send
 
 from schemas import keys
-from schemas.artifacts import DOWNLOADS
-from schemas.errors import NotFoundError
+from schemas.artifacts import DOWNLOADS, HULL_GLB
+from schemas.errors import InvalidRequestError, NotFoundError
+from schemas.manifest import Manifest
 from service.caching import IMMUTABLE, entity_tag, not_modified
+from service.hulls import HullFile, Side, hull_file, require_hulls
 from service.routes.documented import problems
-from service.state import Parts
+from service.state import Parts, Services
+from service.waiting import wait_for
 
 router = APIRouter(prefix="/v1/meshes/{mesh_id}", tags=["downloads"])
 
@@ -36,13 +41,29 @@ class Download(FileResponse):
 @router.get(
     "/artifacts/{name}",
     response_class=FileResponse,
-    responses={200: {"content": {media: {} for media in DOWNLOADS.values()}}, **problems(404, 409, 422)},
+    responses={200: {"content": {media: {} for media in DOWNLOADS.values()}}, **problems(404, 409, 422, 503)},
 )
-async def artifact(mesh_id: str, name: str, request: Request, parts: Parts) -> Response:
-    """`hull.glb` (the hull with its maps, for any glTF viewer), `normal.png`, or `color.png` where the mesh has colours."""
-    await to_thread.run_sync(parts.meshes.manifest, mesh_id)
+async def artifact(
+    mesh_id: str,
+    name: str,
+    request: Request,
+    parts: Parts,
+    faces: Annotated[
+        int | None, Query(ge=4, description="hull.glb only: a hull of at most so many faces, without maps", examples=[500])
+    ] = None,
+    side: Annotated[Side | None, Query(description="hull.glb only: `outer` encloses the mesh, `inner` is enclosed by it")] = None,
+) -> Response:
+    """`hull.glb` (the hull with its maps, for any glTF viewer), `normal.png`, or `color.png` where the mesh has colours.
+
+    With `faces`, `side` or both, `hull.glb` is a hull of another size or side, without maps, made when it is asked for.
+    """
+    manifest = await to_thread.run_sync(parts.meshes.manifest, mesh_id)
     if name not in DOWNLOADS:
         raise NotFoundError(f"The downloads of a mesh are {', '.join(DOWNLOADS)}.")
+    if faces is not None or side is not None:
+        if name != HULL_GLB:
+            raise InvalidRequestError(f"faces and side choose a {HULL_GLB}; {name} has no such choice.", field="faces" if faces else "side")
+        return await _other_hull(manifest, faces, side or Side.OUTER, request, parts)
     tag = entity_tag(mesh_id, "artifact", name)
     if answer := not_modified(request, tag, IMMUTABLE):
         return answer
@@ -51,3 +72,19 @@ async def artifact(mesh_id: str, name: str, request: Request, parts: Parts) -> R
     except NotFoundError:
         raise NotFoundError(f"This mesh has no {name}.") from None
     return Download(path, media_type=DOWNLOADS[name], headers={"ETag": tag, "Cache-Control": IMMUTABLE})
+
+
+async def _other_hull(manifest: Manifest, faces: int | None, side: Side, request: Request, parts: Services) -> Response:
+    """A hull of at most `faces` faces, or as many as the drawn one has."""
+    require_hulls(manifest, side)
+    wanted = faces or (manifest.hull.faces if manifest.hull else 0)
+    tag = entity_tag(manifest.id, "hull", side.value, str(wanted))
+    if answer := not_modified(request, tag, IMMUTABLE):
+        return answer
+    made = await wait_for(request, parts.cpu.submit(_cut, parts, manifest, side, wanted), parts.settings.render_timeout_s)
+    told = {"X-Hull": f"side={side.value}; faces={made.faces}; volume_excess={made.volume_excess:.6g}"}
+    return Response(made.data, media_type=DOWNLOADS[HULL_GLB], headers={"ETag": tag, "Cache-Control": IMMUTABLE, **told})
+
+
+def _cut(parts: Services, manifest: Manifest, side: Side, faces: int) -> HullFile:
+    return hull_file(parts.store, parts.assets.get(manifest), side, faces)

@@ -57,5 +57,5 @@ LOAD_REPORT = {
 def record_all(store, mesh_id):
     record(store, mesh_id, "load", report=LOAD_REPORT)
     record(store, mesh_id, "hull", report={"faces": 4, "volume_excess": 0.1})
-    for stage in ("bake", "tree", "verify"):
+    for stage in ("bake", "levels", "tree", "inner", "verify"):
         record(store, mesh_id, stage)

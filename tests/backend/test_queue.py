@@ -75,11 +75,12 @@ def test_many_advancing_at_once_enqueue_one_job(store, queue, redis_url):
     ("done", "due"),
     [
         ([], ["load"]),
-        (["load"], ["hull", "tree"]),
-        (["load", "hull"], ["bake", "tree"]),
-        (["load", "tree"], ["hull"]),
-        (["load", "hull", "bake"], ["tree"]),
-        (["load", "hull", "bake", "tree"], ["verify"]),
+        (["load"], ["hull", "tree", "inner"]),
+        (["load", "hull"], ["bake", "levels", "tree", "inner"]),
+        (["load", "tree"], ["hull", "inner"]),
+        (["load", "hull", "bake", "levels"], ["tree", "inner"]),
+        (["load", "hull", "bake", "tree", "inner"], ["levels"]),
+        (["load", "hull", "bake", "levels", "tree", "inner"], ["verify"]),
     ],
 )
 def test_stages_are_due_when_those_before_them_are_done(store, queue, done, due):
@@ -93,7 +94,7 @@ def test_stages_are_due_when_those_before_them_are_done(store, queue, done, due)
 def test_skipped_stages_count_as_done(store, queue):
     mesh_id = accept(store)
     record(store, mesh_id, "load")
-    for stage in ("hull", "bake", "tree"):
+    for stage in ("hull", "bake", "levels", "tree", "inner"):
         record(store, mesh_id, stage, "skipped")
     queue.advance(mesh_id)
     assert waiting(queue) == ["verify"]
@@ -120,7 +121,7 @@ def test_a_failed_stage_fails_the_mesh_and_drops_its_other_jobs(store, queue):
     mesh_id = accept(store)
     record(store, mesh_id, "load")
     queue.advance(mesh_id)
-    assert sorted(waiting(queue)) == ["hull", "tree"]
+    assert waiting(queue) == ["hull", "tree", "inner"]
     problem = Problem(title="The mesh cannot be used", status=422, detail="It has no faces.", code="no-faces")
     record(store, mesh_id, "hull", "failed", error=problem)
     queue.advance(mesh_id)
@@ -192,7 +193,7 @@ def test_a_redis_that_forgot_everything_is_filled_again(store, queue):
     queue.reconcile()
     queue.redis.flushall()
     assert queue.reconcile() == 2
-    assert sorted(queue.queue.get_job_ids()) == sorted([f"{first}-load", f"{second}-hull", f"{second}-tree"])
+    assert sorted(queue.queue.get_job_ids()) == sorted([f"{first}-load", f"{second}-hull", f"{second}-tree", f"{second}-inner"])
 
 
 def test_deleting_leaves_no_file_and_no_job(store, queue):

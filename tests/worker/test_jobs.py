@@ -25,6 +25,7 @@ from worker import stages
 from worker.jobs import fault_of, run_and_record
 from worker.stages import Result
 
+UNCHECKED = [stage for stage in STAGES if stage != "verify"]
 SMALL = {"hull_faces": 60, "texels": 64}
 ENVIRONMENT = {"SILHOUETTE_WARM_KERNELS": "false", "SILHOUETTE_LOG_LEVEL": "WARNING", "SILHOUETTE_RECONCILE_INTERVAL_S": "1"}
 
@@ -92,7 +93,7 @@ def test_a_closed_mesh_becomes_ready_with_all_its_artifacts(running):
     assert all(r.seconds > 0 and r.peak_mib > 10 for r in manifest.stages)
     written = {name for r in manifest.stages for name in r.artifacts}
     downloads = {artifacts.HULL_GLB, artifacts.NORMAL_PNG}
-    layouts = (artifacts.MESH, artifacts.HULL, artifacts.HULL_SEQUENCE, artifacts.MAPS, artifacts.TREE)
+    layouts = (artifacts.MESH, artifacts.HULL, artifacts.HULL_SEQUENCE, artifacts.INNER_SEQUENCE, artifacts.MAPS, artifacts.TREE)
     assert written == {layout.file for layout in layouts} | downloads
     assert written < files_of(queue.store, mesh_id)
     for layout in layouts:
@@ -117,7 +118,9 @@ def test_a_mesh_that_is_not_closed_is_ready_but_not_clippable(running):
         "load": "done",
         "hull": "skipped",
         "bake": "skipped",
+        "levels": "skipped",
         "tree": "skipped",
+        "inner": "skipped",
         "verify": "done",
     }
     assert manifest.hull is None
@@ -253,7 +256,7 @@ def test_other_errors_are_the_queues_and_leave_no_record(queue, monkeypatch):
 
 def test_an_artifact_that_fails_verification_takes_clipping_from_the_mesh(queue):
     mesh_id = accept(queue.store, ply(sphere(2)), name="a.ply", **SMALL)
-    for stage in ("load", "hull", "bake", "tree"):
+    for stage in UNCHECKED:
         run_and_record(queue, mesh_id, stage)
     hull = open_artifact(queue.store.local_path(keys.artifact(mesh_id, artifacts.HULL.file)), artifacts.HULL)
     shrunken = {**hull, "positions": np.asarray(hull["positions"]) * np.float32(0.9)}
@@ -264,6 +267,70 @@ def test_an_artifact_that_fails_verification_takes_clipping_from_the_mesh(queue)
     assert manifest.status == "ready"
     assert not manifest.capabilities["clip"].available
     assert "checks" in manifest.capabilities["clip"].reason
+    assert manifest.capabilities["inner"].available
+
+
+def pulled_in(level):
+    positions = np.array(level["positions"])
+    positions[np.argmax(np.linalg.norm(positions, axis=1))] *= np.float32(0.9)
+    return {**level, "positions": positions}
+
+
+def too_sure(level):
+    return {**level, "bound": np.asarray(level["bound"]) * 0.9}
+
+
+@pytest.mark.parametrize("tamper", [pulled_in, too_sure])
+def test_a_level_that_fails_verification_takes_levels_from_the_mesh_and_nothing_else(queue, tamper):
+    mesh_id = accept(queue.store, ply(bumpy_sphere(4)), name="a.ply", hull_faces=200, texels=64)
+    for stage in UNCHECKED:
+        run_and_record(queue, mesh_id, stage)
+    level = open_artifact(queue.store.local_path(keys.artifact(mesh_id, artifacts.LEVELS[1].file)), artifacts.LEVELS[1])
+    stage_jobs.publish(queue.store, mesh_id, "levels", Result(artifacts=[(artifacts.LEVELS[1], tamper(level))]))
+    assert run_and_record(queue, mesh_id, "verify").outcome == "done"
+    queue.advance(mesh_id)
+    manifest = records.read_manifest(queue.store, mesh_id)
+    assert manifest.capabilities["clip"].available and manifest.capabilities["inner"].available
+    assert not manifest.capabilities["levels"].available
+    assert "checks" in manifest.capabilities["levels"].reason
+    assert {level.side for level in manifest.hull.levels} == {"inner"}
+
+
+def test_an_inner_hull_that_fails_verification_takes_only_inner_hulls(queue):
+    mesh_id = accept(queue.store, ply(bumpy_sphere(3)), name="a.ply", **SMALL)
+    for stage in UNCHECKED:
+        run_and_record(queue, mesh_id, stage)
+    sequence = open_artifact(queue.store.local_path(keys.artifact(mesh_id, artifacts.INNER_SEQUENCE.file)), artifacts.INNER_SEQUENCE)
+    grown = {**sequence, "step_positions": np.asarray(sequence["step_positions"]) * np.float32(1.5)}
+    stage_jobs.publish(queue.store, mesh_id, "inner", Result(artifacts=[(artifacts.INNER_SEQUENCE, grown)]))
+    run_and_record(queue, mesh_id, "verify")
+    queue.advance(mesh_id)
+    manifest = records.read_manifest(queue.store, mesh_id)
+    assert manifest.capabilities["clip"].available
+    assert not manifest.capabilities["inner"].available
+    assert not any(level.side == "inner" for level in manifest.hull.levels)
+
+
+def test_the_manifest_lists_measured_hulls_of_both_sides_in_model_units(queue):
+    mesh_id = accept(queue.store, ply(tuple(scaled(bumpy_sphere(4), 50.0))), name="a.ply", hull_faces=200, texels=64)
+    for stage in STAGES:
+        assert run_and_record(queue, mesh_id, stage).outcome == "done"
+    queue.advance(mesh_id)
+    manifest = records.read_manifest(queue.store, mesh_id)
+    outer, inner = ([level for level in manifest.hull.levels if level.side == side] for side in ("outer", "inner"))
+    assert [level.faces for level in outer] == sorted((level.faces for level in outer), reverse=True)
+    assert outer[-1].faces == manifest.hull.faces
+    assert all(level.volume_excess > 0.0 for level in outer) and all(level.volume_excess < 0.0 for level in inner)
+    assert [level.distance for level in outer] == sorted(level.distance for level in outer)
+    for level, layout in zip(outer, artifacts.LEVELS, strict=False):
+        stored = open_artifact(queue.store.local_path(keys.artifact(mesh_id, layout.file)), layout)
+        assert len(stored["faces"]) == level.faces
+        assert level.distance == pytest.approx(stored["bound"][0] * manifest.frame.scale)
+    assert 0.01 < outer[-1].distance < 50.0
+
+
+def scaled(mesh, factor):
+    return mesh[0] * factor, mesh[1]
 
 
 # Faults on purpose.
@@ -318,7 +385,7 @@ def test_a_killed_queue_server_loses_no_accepted_mesh(tmp_path, with_its_data):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("stage", ["load", "hull", "tree", "bake"])
+@pytest.mark.parametrize("stage", UNCHECKED)
 def test_deleting_during_a_stage_leaves_nothing(running, stage):
     _, queue = running
     before = set(queue.store.list())

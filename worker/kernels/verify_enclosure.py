@@ -16,6 +16,7 @@ from worker.kernels.bake_boxes import LEAF, STACK
 
 ORIENT2_ERROR = 3.330669073875472e-16  # (3 + 16 u) u, u = 2^-53: Shewchuk's bound for orient2d
 UNDERFLOW_GUARD = 1e-280
+BESIDE_ERROR = 1e-14  # of a plane's value at a point, over the product of absolute values in it: some 20 roundings of 2^-53
 
 
 @njit(cache=True)
@@ -56,31 +57,41 @@ def _covering(a, b, c, x, y):
 
 
 @njit(cache=True)
+def _next_leaf(boxes, reach, stack, top):
+    """(leaf, top): the next leaf whose box meets the box reach (6,) f8, of the `top` nodes on the stack; -1 when there is none."""
+    leaves = boxes.shape[0] // 2
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        box = boxes[node]
+        if reach[3] < box[0] or reach[0] > box[3] or reach[4] < box[1] or reach[1] > box[4] or reach[5] < box[2] or reach[2] > box[5]:
+            continue
+        if node >= leaves:
+            return node - leaves, top
+        stack[top], stack[top + 1] = 2 * node, 2 * node + 1
+        top += 2
+    return -1, 0
+
+
+@njit(cache=True)
 def winding_numbers(positions, faces, order, boxes, points):
     """(winding number (n,) i4, on (n,) bool) of points (n, 3) f8; on: exactly in a face that is not seen edge-on along z.
 
     positions (v, 3) f4, faces (f, 3) i4: closed, oriented; order, boxes: `bake_boxes.build_boxes` of them. The number of a
     point that is on the mesh is that of one side of it.
     """
-    leaves = boxes.shape[0] // 2
     winding = np.zeros(points.shape[0], np.int32)
     on = np.zeros(points.shape[0], np.bool_)
-    stack = np.empty(STACK, np.int64)
+    stack, above = np.empty(STACK, np.int64), np.full(6, np.inf)
     for n in range(points.shape[0]):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        above[0], above[1], above[2], above[3], above[4] = x, y, z, x, y
         stack[0], top = 1, 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            box = boxes[node]
-            if x < box[0] or x > box[3] or y < box[1] or y > box[4] or z > box[5]:
-                continue
-            if node < leaves:
-                stack[top], stack[top + 1] = 2 * node, 2 * node + 1
-                top += 2
-                continue
-            start = (node - leaves) * LEAF
-            for i in range(start, min(start + LEAF, faces.shape[0])):
+        while True:
+            leaf, top = _next_leaf(boxes, above, stack, top)
+            if leaf < 0:
+                break
+            for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
                 f = order[i]
                 a, b, c = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
                 covering = _covering(a, b, c, x, y)
@@ -106,49 +117,127 @@ def plane_sides(positions, faces, face, points):
 
 
 @njit(cache=True)
-def _crosses(p, q, a, b, c):
-    """Whether the segment from p to q has its ends strictly on two sides of the triangle's plane and meets the triangle."""
-    first = orient_sign(a, b, c, np.float64(p[0]), np.float64(p[1]), np.float64(p[2]), 1.0)
-    if first == 0 or first * orient_sign(a, b, c, np.float64(q[0]), np.float64(q[1]), np.float64(q[2]), 1.0) >= 0:
-        return False
+def _side(a, b, c, p):
+    """Exact side of the plane through a, b, c on which p lies: 1 outside, 0 on, -1 inside."""
+    return orient_sign(a, b, c, np.float64(p[0]), np.float64(p[1]), np.float64(p[2]), 1.0)
+
+
+@njit(cache=True)
+def _through(p, q, a, b, c):
+    """Whether the segment from p to q, whose ends are strictly on two sides of the triangle's plane, meets the triangle."""
     low, high = 0, 0
     for k in range(3):
         s, e = (a, b) if k == 0 else ((b, c) if k == 1 else (c, a))
-        turn = orient_sign(p, q, s, np.float64(e[0]), np.float64(e[1]), np.float64(e[2]), 1.0)
+        turn = _side(p, q, s, e)
         low, high = min(low, turn), max(high, turn)
     return low == 0 or high == 0
 
 
 @njit(cache=True)
+def _crosses(p, q, a, b, c):
+    """Whether the segment from p to q has its ends strictly on two sides of the triangle's plane and meets the triangle."""
+    first = _side(a, b, c, p)
+    return first != 0 and first * _side(a, b, c, q) < 0 and _through(p, q, a, b, c)
+
+
+@njit(cache=True)
 def crossings(positions, faces, order, boxes, starts, ends, pairs):
     """Number of crossings of segments from starts to ends (n, 3) f4 with the mesh; (segment, face) of the first into pairs (m, 2) i4."""
-    leaves = boxes.shape[0] // 2
     count = 0
-    stack = np.empty(STACK, np.int64)
+    stack, about = np.empty(STACK, np.int64), np.empty(6)
     for n in range(starts.shape[0]):
         p, q = starts[n], ends[n]
+        for k in range(3):
+            about[k], about[3 + k] = min(p[k], q[k]), max(p[k], q[k])
         stack[0], top = 1, 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            box = boxes[node]
-            apart = False
-            for k in range(3):
-                apart = apart or max(p[k], q[k]) < box[k] or min(p[k], q[k]) > box[3 + k]
-            if apart:
-                continue
-            if node < leaves:
-                stack[top], stack[top + 1] = 2 * node, 2 * node + 1
-                top += 2
-                continue
-            start = (node - leaves) * LEAF
-            for i in range(start, min(start + LEAF, faces.shape[0])):
+        while True:
+            leaf, top = _next_leaf(boxes, about, stack, top)
+            if leaf < 0:
+                break
+            for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
                 f = order[i]
                 if _crosses(p, q, positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]):
                     if count < pairs.shape[0]:
                         pairs[count, 0], pairs[count, 1] = n, f
                     count += 1
     return count
+
+
+@njit(cache=True)
+def _box_beside_plane(box, a, b, c):
+    """Whether a box (6,) f4 is certainly strictly on one side of the plane through a, b, c."""
+    ax, ay, az = np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
+    ux, uy, uz, vx, vy, vz = b[0] - ax, b[1] - ay, b[2] - az, c[0] - ax, c[1] - ay, c[2] - az
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    rx, ry, rz = 0.5 * (np.float64(box[3]) - box[0]), 0.5 * (np.float64(box[4]) - box[1]), 0.5 * (np.float64(box[5]) - box[2])
+    x, y, z = box[0] + rx - ax, box[1] + ry - ay, box[2] + rz - az
+    size = (abs(ux) + abs(uy) + abs(uz)) * (abs(vx) + abs(vy) + abs(vz))
+    margin = BESIDE_ERROR * size * (abs(x) + abs(y) + abs(z) + rx + ry + rz)
+    return abs(nx * x + ny * y + nz * z) > abs(nx) * rx + abs(ny) * ry + abs(nz) * rz + margin
+
+
+@njit(cache=True)
+def _boxes_apart(p, q, r, a, b, c):
+    apart = False
+    for k in range(3):
+        apart |= max(p[k], q[k], r[k]) < min(a[k], b[k], c[k]) or min(p[k], q[k], r[k]) > max(a[k], b[k], c[k])
+    return apart
+
+
+@njit(cache=True)
+def _sides_apart(p, q, r, a, b, c, sp, sq, sr):
+    """Whether no side of triangle p, q, r meets triangle a, b, c, for sure; sp, sq, sr: where its corners are of that plane."""
+    if sp * sq <= 0 and (sp * sq == 0 or _through(p, q, a, b, c)):
+        return False
+    if sq * sr <= 0 and (sq * sr == 0 or _through(q, r, a, b, c)):
+        return False
+    return not (sr * sp <= 0 and (sr * sp == 0 or _through(r, p, a, b, c)))
+
+
+@njit(cache=True)
+def _apart(p, q, r, a, b, c):
+    """Whether two triangles have certainly, exactly, no point in common: where two meet, a side of one meets the other."""
+    if _boxes_apart(p, q, r, a, b, c):
+        return True
+    sp, sq, sr = _side(a, b, c, p), _side(a, b, c, q), _side(a, b, c, r)
+    if sp != 0 and sp == sq and sq == sr:
+        return True
+    sa, sb, sc = _side(p, q, r, a), _side(p, q, r, b), _side(p, q, r, c)
+    if sa != 0 and sa == sb and sb == sc:
+        return True
+    return _sides_apart(p, q, r, a, b, c, sp, sq, sr) and _sides_apart(a, b, c, p, q, r, sa, sb, sc)
+
+
+@njit(cache=True)
+def contacts(positions, faces, order, boxes, other_positions, other_faces, other_order, other_boxes, touched, other_touched):
+    """Mark every face of either of two meshes that may meet the other: touched (f,) bool, other_touched (g,) bool.
+
+    A face that is not marked has no point in common with the other mesh, exactly. One that is marked may have none either, when
+    a corner or a side of the one lies in the plane of the other.
+    """
+    stack, reach = np.empty(STACK, np.int64), np.empty(6)
+    first = boxes.shape[0] // 2
+    for start in range(0, faces.shape[0], LEAF):
+        box = boxes[first + start // LEAF]
+        for k in range(6):
+            reach[k] = box[k]
+        stack[0], top = 1, 1
+        while True:
+            leaf, top = _next_leaf(other_boxes, reach, stack, top)
+            if leaf < 0:
+                break
+            for j in range(leaf * LEAF, min(leaf * LEAF + LEAF, other_faces.shape[0])):
+                g = other_order[j]
+                a, b, c = other_positions[other_faces[g, 0]], other_positions[other_faces[g, 1]], other_positions[other_faces[g, 2]]
+                if _box_beside_plane(box, a, b, c):
+                    continue
+                for i in range(start, min(start + LEAF, faces.shape[0])):
+                    f = order[i]
+                    if touched[f] and other_touched[g]:
+                        continue
+                    p, q, r = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
+                    if not _apart(p, q, r, a, b, c):
+                        touched[f], other_touched[g] = True, True
 
 
 @njit(cache=True)
