@@ -1,8 +1,9 @@
 """The walk of a packed silhouette forest: node blocks first, then the leaves they let through.
 
-Based on: Silhouette Clipping, section 5 (runtime algorithm). Departures: eight cones, faces or edges a test; the traversal is
-a queue, breadth first, with hardly a branch that depends on the data. A leaf's faces are tested once each, whatever the
-number of their edges: by float32 planes with an error bound, and by `geometry.predicates` where that is not sure.
+Based on: Silhouette Clipping, section 5 (runtime algorithm). Departures: eight cones, sixteen faces and 64 edges a test; the
+traversal is a queue, breadth first, with hardly a branch that depends on the data. A leaf's faces are tested once each,
+whatever the number of their edges: by planes of 16 bits with an error bound, and by `geometry.predicates` where that is not
+sure. What is visited is fetched ahead, and lies in as few cache lines as may be (`service.kernels.tree_walk_pack`).
 
 Why a culled node hides nothing: the stored float32 cones are sound as exact cones (`worker.kernels.cones`), and all rounding
 of the test here, of the eye included, stays below CONE_ERROR (|p| + |anchor|) |scaled normal|.
@@ -10,167 +11,237 @@ of the test here, of the eye included, stays below CONE_ERROR (|p| + |anchor|) |
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 from numba import njit
+from numba.cpython.unsafe.numbers import trailing_zeros
 
 from geometry.predicates import is_front_facing
-from service.kernels.tree_walk_lanes import (
-    BIT_COUNT,
-    END_FLOATS,
-    FACE_ROWS,
-    LANES,
-    NODE_ROWS,
-    SET_BITS,
-    append_lanes,
-    edge_sides,
-    face_sides,
-    missed_cones,
-    prefetch,
-)
+from service.kernels.tree_walk_lanes import BIT_COUNT, LANES, NODE_ROWS, SET_BITS, append_lanes, missed_cones, prefetch
+from service.kernels.tree_walk_leaf import SIXTEEN, WIDE, bits_at, byte_at, first_pairs, face_sides, leaf_eye, look_up, ones
 
 CONE_ERROR = 2.0**-19
 """32 u, of which the test's roundings use at most 20."""
-AT, FACE_LANE, EDGE_LANE, FACE_BLOCKS, EDGE_BLOCKS, EDGES, MORE = range(7)
-LEAF_COLUMNS = 8  # half a cache line
-"""Columns of a leaf record: first float, first face lane, first edge lane, blocks of each, edges, whether the next leaf is
-of the same node."""
-LINE = 16  # floats in a cache line
-_BYTE = np.uint64(0xFF)
+PLANE_ERROR = 2.0**-19
+"""Of a face's test in float32: 32 u times the square of the largest coefficient m of a leaf's planes (1, b, c). At most 12
+roundings of terms of at most m take 12 u m; a unit normal is known to 2^-3 u, which grows to u m^2 where one component of it
+is made 1."""
+
+LINE = 16  # words in a cache line
+BELOW, LEAF, MASKS, NEXT, BLOCK_WORDS = 96, 104, 112, 113, 128
+"""Words of a node block: NODE_ROWS rows of cones, then per lane the block with its children and the line of its first leaf
+(-1: none); bits of the lanes that have a block below, of those that have leaves, lanes in use, a byte each; next block, -1."""
+EDGES_BITS, VERTICES_BITS, TURN_BITS, MORE_BIT = 8, 16, 24, 26
+"""Of a leaf's counts: faces in the lowest byte, edges, vertices, by how much the eye's coordinates are turned, and whether the
+next leaf is of the same node."""
+PLANE, STEP, ERROR, COUNTS, FACE_LANE, FORCED, FLIPPED, HEAD_WORDS = 0, 4, 8, 10, 11, 12, 14, 16
+"""Words of a leaf's head: its plane and the steps of the 16-bit differences from it (four words each, of which the plane's
+first is 1 and the steps' first is 0), errors of normal and distance, counts, the word where its faces are listed, and the bits of the faces that
+are always decided exactly and of those whose plane is stored turned round, two words each."""
+
+FARTHEST_EYE = 1e14
+"""Normalised units: beyond, squares of scaled normals times the eye could overflow float32; such eyes are brute force."""
+SHORTEST_DIRECTION = 1e-100
+SPARE_EDGES = 64
+"""Of an output: a leaf's edges are stored sixteen at a time."""
+AT_INFINITY = 1e-30  # stands for the fourth coordinate where a separation counts: 3e38 still keeps every eye out
+
 _BITS = SET_BITS.ravel()
-
-
-class Packed(NamedTuple):
-    """A forest packed for the walk: b node blocks, l leaves, LANES lanes a block."""
-
-    nodes: np.ndarray  # (b * NODE_ROWS * LANES,) f4
-    below: np.ndarray  # (b * LANES,) i4 node block with the children, -1: none
-    parents: np.ndarray  # (b,) u1 bits of the lanes that have a block below
-    guards: np.ndarray  # (b,) u1 bits of the lanes that have edges
-    next_block: np.ndarray  # (b,) i4 where the siblings run on, -1: nowhere
-    used: np.ndarray  # (b,) i4 lanes in use
-    first_leaf: np.ndarray  # (b * LANES,) i4, -1: no edges
-    leaves: np.ndarray  # f4 face blocks, then edge blocks, of every leaf
-    record: np.ndarray  # (l, LEAF_COLUMNS) i4
-    lane_face: np.ndarray  # (face lanes,) i4
-    lane_vertices: np.ndarray  # (edge lanes, 2) i4
-
-
-class Queues(NamedTuple):
-    """Scratch of one walk at a time."""
-
-    nodes: np.ndarray  # (b * LANES + LANES,) i4
-    leaves: np.ndarray  # (b * LANES + LANES,) i4
-    chosen: np.ndarray  # (edge lanes + LANES,) i4
-    turned: np.ndarray  # (edge blocks,) u1
+_BYTE = np.uint64(0xFF)
+_HALF = np.uint64(0xFFFF)
+_ONE = np.uint64(1)
+_FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
+_AHEAD, _LINES = 4, 10  # leaves whose first lines are asked for ahead
 
 
 @njit(cache=True, nogil=True)
-def visit_nodes(packed, queues, x, y, z, w, w_back, margin):
-    """Fill queues.leaves with twice the lanes whose cone was missed and that have edges; returns (their number, cones tested).
+def visit_nodes(arena, blocks, leaves, x, y, z, w, w_back, margin):
+    """Fill leaves with the words of arena that name the leaves to test; returns (their number, cones tested).
 
-    (x, y, z, w) f4 the eye; w_back and margin as in `missed_cones`.
+    (x, y, z, w) f4 the eye; w_back and margin as in `missed_cones`. blocks i4 is the queue.
     """
-    nodes, below, parents, guards, next_block, used = (
-        packed.nodes, packed.below, packed.parents, packed.guards, packed.next_block, packed.used,
-    )  # fmt: skip
-    queue, leaf_queue = queues.nodes, queues.leaves
     head, tail, found, tested = 0, 0, 0, 0
-    block = np.intp(0)
+    at = np.intp(0)
     while True:
-        while block >= 0:
-            tested += used[block]
-            missed = missed_cones(nodes, block * (NODE_ROWS * LANES), x, y, z, w, w_back, margin)
-            base = np.int32(block * (2 * LANES))
-            mask = np.intp(missed & np.uint64(parents[block]))
-            append_lanes(queue, tail, _BITS, mask, base)
+        while at >= 0:
+            masks = arena[at + MASKS]
+            missed = missed_cones(arena, at, x, y, z, w, w_back, margin)
+            tested += masks >> 16
+            mask = np.intp(missed & np.uint64(masks & 0xFF))
+            append_lanes(blocks, tail, _BITS, mask, np.int32(at + BELOW))
             tail += np.intp(BIT_COUNT[mask])
-            mask = np.intp(missed & np.uint64(guards[block]))
-            append_lanes(leaf_queue, found, _BITS, mask, base)
+            mask = np.intp(missed & np.uint64((masks >> 8) & 0xFF))
+            append_lanes(leaves, found, _BITS, mask, np.int32(at + LEAF))
             found += np.intp(BIT_COUNT[mask])
-            block = np.intp(next_block[block])
+            at = np.intp(arena[at + NEXT])
         if head == tail:
             return found, tested
-        block = np.intp(below[queue[head] >> 1])
+        at = np.intp(arena[blocks[head]])
         head += 1
 
 
 @njit(cache=True)
-def _settle(front, doubtful, lane, lane_face, positions, faces, eye):
-    """Decide the doubtful faces of a leaf exactly; returns its front word complete."""
-    k = 0
+def _settle(front, doubtful, arena, lane, positions, faces, eye):
+    """Decide the doubtful faces of a leaf exactly; returns its front word complete. The faces stand in arena from lane on."""
     while doubtful:
-        if doubtful & np.uint64(1) and is_front_facing(positions, faces, lane_face[lane + k], eye):
-            front |= np.uint64(1) << np.uint64(k)
-        doubtful >>= np.uint64(1)
-        k += 1
+        k = trailing_zeros(doubtful)
+        doubtful &= doubtful - _ONE
+        front &= ~(_ONE << k)
+        if is_front_facing(positions, faces, arena[lane + np.int64(k)], eye):
+            front |= _ONE << k
     return front
 
 
-@njit(cache=True, nogil=True)
-def visit_leaves(packed, queues, found, positions, faces, eye, x, y, z, w, bound):
-    """Fill queues.chosen with twice the edge lanes on the silhouette; returns (their number, edges tested).
+@njit(cache=True, inline="always")
+def _first(count):
+    """Word with the first `count` bits set, 1 to 64."""
+    return _FULL >> np.uint64(64 - count)
 
-    queues.leaves[:found] as `visit_nodes` left it. eye (4,) f8 exact, (x, y, z, w) f4 for the planes, bound: of their error.
-    queues.turned receives, for the edge blocks visited, the edges whose right face is front.
+
+@njit(cache=True)
+def _emit(arena, ends, row, table, left, chosen, pairs, out, count):
+    """Append the chosen edges to out (directed: the front-facing side on the left); returns the new number."""
+    if WIDE:
+        first_pairs(arena, ends, row, left, chosen, out, 2 * count, pairs)
+        new = ones(chosen)
+        for at in range(SIXTEEN, new, SIXTEEN // 2):
+            look_up(arena, table, pairs, at // 2, out, 2 * (count + at))
+        return count + new
+    while chosen:
+        k = np.int64(trailing_zeros(chosen))
+        onward = (left >> np.uint64(k)) & _ONE
+        chosen &= chosen - _ONE
+        first, second = arena[table + byte_at(arena, ends, k)], arena[table + byte_at(arena, ends + row, k)]
+        out[2 * count] = first if onward else second
+        out[2 * count + 1] = second if onward else first
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def visit_leaves(arena, leaves, positions, faces, eye, eyes, out):
+    """Directed silhouette edges into out (flat i4, 2 * SPARE_EDGES spare); returns (their number, edges tested).
+
+    leaves i4, not empty: as `visit_nodes` left them. eye (4,) f8 exact, eyes (12,) f4 as in `leaf_eye`.
     """
-    leaves, record, first_leaf, lane_face = packed.leaves, packed.record, packed.first_leaf, packed.lane_face
-    leaf_queue, chosen, turned = queues.leaves, queues.chosen, queues.turned
     count, tested = 0, 0
-    for i in range(found):
-        leaf = np.intp(first_leaf[leaf_queue[i] >> 1])
-        coming = np.intp(record[first_leaf[leaf_queue[min(i + 2, found - 1)] >> 1], AT])
-        while leaf >= 0:
-            at, lane = np.intp(record[leaf, AT]), record[leaf, EDGE_LANE]
-            front, doubtful = np.uint64(0), np.uint64(0)
-            for k in range(record[leaf, FACE_BLOCKS]):
-                word = face_sides(leaves, at, x, y, z, w, bound)
-                front |= (word & _BYTE) << np.uint64(LANES * k)
-                doubtful |= (word >> np.uint64(LANES)) << np.uint64(LANES * k)
-                prefetch(leaves, coming)
-                prefetch(leaves, coming + LINE)
-                at += FACE_ROWS * LANES
-                coming += FACE_ROWS * LANES
+    pairs = np.empty(2 * LINE, np.int32)
+    away = abs(eyes[0]) + abs(eyes[1]) + abs(eyes[2])
+    last = leaves.shape[0] - 1
+    for i in range(leaves.shape[0]):
+        coming = LINE * np.intp(arena[leaves[min(i + _AHEAD, last)]])
+        for k in range(_LINES):
+            prefetch(arena, coming + LINE * k)
+        at = LINE * np.intp(arena[leaves[i]])
+        more = True
+        while more:
+            counts = arena[at + COUNTS]
+            own_faces, own_edges, own_vertices = counts & 0xFF, (counts >> EDGES_BITS) & 0xFF, (counts >> VERTICES_BITS) & 0xFF
+            front, doubtful = leaf_sides(arena, at, counts, eyes, away)
             if doubtful:
-                front = _settle(front, doubtful, record[leaf, FACE_LANE], lane_face, positions, faces, eye)
-            for _ in range(record[leaf, EDGE_BLOCKS]):
-                word = edge_sides(leaves, at, front)
-                right = word >> np.uint64(LANES)
-                turned[np.uint32(lane) >> np.uint32(3)] = np.uint8(right)
-                mask = np.intp((word ^ right) & _BYTE)
-                append_lanes(chosen, count, _BITS, mask, np.int32(2 * lane))
-                count += np.intp(BIT_COUNT[mask])
-                at += END_FLOATS
-                lane += np.int32(LANES)
-            tested += record[leaf, EDGES]
-            leaf = leaf + 1 if record[leaf, MORE] else -1
+                front = _settle(front, doubtful, arena, np.intp(arena[at + FACE_LANE]), positions, faces, eye)
+            ends = at + HEAD_WORDS + 12 * ((own_faces + 7) >> 3)
+            row = ((own_edges + 15) >> 4) << 2
+            left = bits_at(arena, ends, front)
+            chosen = (left ^ bits_at(arena, ends + row, front)) & _first(own_edges)
+            table = ends + 4 * row
+            count = _emit(arena, ends + 2 * row, row, table, left, chosen, pairs, out, count)
+            tested += own_edges
+            more = (counts >> MORE_BIT) != 0
+            at = (table + own_vertices + LINE - 1) & ~(LINE - 1)
     return count, tested
 
 
-@njit(cache=True, nogil=True)
-def collect(chosen, count, turned, lane_vertices):
-    """(count, 2) i4 directed edges, front-facing side on the left; lane_vertices (lanes, 2) i4."""
-    out = np.empty((count, 2), np.int32)
-    for k in range(count):
-        lane = np.uint32(chosen[k]) >> np.uint32(1)
-        start = (np.uint32(turned[lane >> np.uint32(3)]) >> (lane & np.uint32(7))) & np.uint32(1)
-        out[k, 0], out[k, 1] = lane_vertices[lane, start], lane_vertices[lane, np.uint32(1) - start]
-    return out
+@njit(cache=True, inline="always")
+def _word_of(arena, at):
+    return np.uint64(np.uint32(arena[at])) | (np.uint64(np.uint32(arena[at + 1])) << np.uint64(32))
 
 
-@njit(cache=True, nogil=True)
-def walk(
-    nodes, below, parents, guards, next_block, used, first_leaf, leaves, record, lane_face, lane_vertices,
-    node_queue, leaf_queue, chosen, turned, positions, faces, eye, x, y, z, w_back, margin, bound,
-):  # fmt: skip
-    """(edges (s, 2) i4, edges tested, cones tested) for the exact eye (4,) f8; (x, y, z): the eye for float32.
+@njit(cache=True, inline="always")
+def leaf_sides(arena, at, counts, eyes, away):
+    """(faces that are front, faces that are doubtful) of the leaf at word `at`, as bits; the other arguments as `leaf_eye`'s."""
+    own_faces = counts & 0xFF
+    base, b, c, d, bound = leaf_eye(arena, at, eyes, (counts >> TURN_BITS) & 3, away)
+    row = ((own_faces + 7) >> 3) << 2
+    over, doubtful = np.uint64(0), _word_of(arena, at + FORCED)
+    for k in range(4):  # all 64 always: fewer would cost a branch
+        word = face_sides(arena, at + HEAD_WORDS + 8 * k, row, base, b, c, d, bound)
+        shift = np.uint64(SIXTEEN * k)
+        over |= (word & _HALF) << shift
+        doubtful |= (word >> np.uint64(SIXTEEN)) << shift
+    return over ^ _word_of(arena, at + FLIPPED), doubtful & _first(own_faces)
 
-    The arrays are those of Packed and Queues, one by one: handing tuples of arrays to compiled code costs microseconds.
+
+@njit(cache=True)
+def turned_eyes(eye):
+    """(12,) f4: the eye (4,) f8 for float32, its coordinates turned by 0, 1 and 2; all zero when the eye is too far for that.
+
+    A direction is made unit first.
     """
-    packed = Packed(nodes, below, parents, guards, next_block, used, first_leaf, leaves, record, lane_face, lane_vertices)
-    queues = Queues(node_queue, leaf_queue, chosen, turned)
-    x, y, z, w = np.float32(x), np.float32(y), np.float32(z), np.float32(eye[3])
-    found, cones = visit_nodes(packed, queues, x, y, z, w, np.float32(w_back), np.float32(margin))
-    count, edges = visit_leaves(packed, queues, found, positions, faces, eye, x, y, z, w, np.float32(bound))
-    return collect(chosen, count, turned, lane_vertices), edges, cones
+    length = math.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2])
+    eyes = np.zeros(12, np.float32)
+    if not length < FARTHEST_EYE or (eye[3] == 0.0 and length < SHORTEST_DIRECTION):
+        return eyes
+    scale = 1.0 if eye[3] else 1.0 / length
+    for turn in range(3):
+        for k in range(3):
+            eyes[4 * turn + k] = eye[(turn + k) % 3] * scale
+        eyes[4 * turn + 3] = eye[3]
+    return eyes
+
+
+@njit(cache=True, nogil=True)
+def open_nodes(arena, scratch, lanes, eye, eyes, farthest):
+    """(leaves i4 in scratch, cones tested) of the eye (4,) f8; eyes of `turned_eyes`, farthest: the largest |anchor|.
+
+    scratch i4: two queues of `lanes` each, then the output.
+    """
+    w = np.float32(eye[3])
+    length = math.sqrt(np.float64(eyes[0]) ** 2 + np.float64(eyes[1]) ** 2 + np.float64(eyes[2]) ** 2)
+    margin = np.float32(CONE_ERROR * (length * (1.0 + 1e-6) + w * farthest))
+    w_back = w if w else np.float32(AT_INFINITY)
+    leaves = scratch[lanes : 2 * lanes]
+    found, cones = visit_nodes(arena, scratch[:lanes], leaves, eyes[0], eyes[1], eyes[2], w, w_back, margin)
+    return leaves[:found], cones
+
+
+@njit(cache=True, nogil=True)
+def walk(arena, scratch, lanes, positions, faces, eye, farthest):
+    """(edges (s, 2) i4, edges tested, cones tested) for a finite eye (4,) f8 in the normalised frame; the other arguments as
+    `open_nodes` has them. Edges tested: -1 when the eye is too far for float32, and nothing was done."""
+    eyes = turned_eyes(eye)
+    if eyes[0] == 0.0 and eyes[1] == 0.0 and eyes[2] == 0.0 and (eye[0] != 0.0 or eye[1] != 0.0 or eye[2] != 0.0):
+        return np.empty((0, 2), np.int32), -1, 0
+    leaves, cones = open_nodes(arena, scratch, lanes, eye, eyes, farthest)
+    count, tested = 0, 0
+    if leaves.shape[0]:
+        count, tested = visit_leaves(arena, leaves, positions, faces, eye, eyes, scratch[2 * lanes :])
+    return as_edges(scratch[2 * lanes :], count), tested, cones
+
+
+@njit(cache=True, nogil=True)
+def as_edges(out, count):
+    """(count, 2) i4 copy of the first pairs of out."""
+    edges = np.empty((count, 2), np.int32)
+    for k in range(count):
+        edges[k, 0], edges[k, 1] = out[2 * k], out[2 * k + 1]
+    return edges
+
+
+@njit(cache=True, nogil=True)
+def walk_many(arena, scratch, lanes, positions, faces, eyes, farthest):
+    """(edges (s, 2) i4 of one eye after the other, (k, 3) i8: edges, edges tested and cones tested of each) for eyes (k, 4) f8
+    as `walk` takes them."""
+    numbers = np.empty((eyes.shape[0], 3), np.int64)
+    edges, total = np.empty((1024, 2), np.int32), 0
+    for i in range(eyes.shape[0]):
+        own, numbers[i, 1], numbers[i, 2] = walk(arena, scratch, lanes, positions, faces, eyes[i], farthest)
+        numbers[i, 0] = own.shape[0]
+        if total + own.shape[0] > edges.shape[0]:
+            larger = np.empty((2 * (total + own.shape[0]), 2), np.int32)
+            larger[:total] = edges[:total]
+            edges = larger
+        edges[total : total + own.shape[0]] = own
+        total += own.shape[0]
+    return edges[:total].copy(), numbers

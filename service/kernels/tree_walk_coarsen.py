@@ -12,15 +12,18 @@ import math
 import numpy as np
 from numba import njit
 
-from service.kernels.tree_walk_lanes import LANES
+from service.kernels.tree_walk_leaf import ALL
 
-NODE_COST = 2.0
-"""Visiting a node, in edge blocks; measured: 1.5 to 3 are equally good for 100,000 and 600,000 edges."""
+CONE_COST, LEAF_COST, EDGE_COST = 6.0, 40.0, 0.5
+"""Nanoseconds that a cone takes, a leaf, and an edge in it."""
+EYE_DISTANCE = 2.5
+"""Normalised units; the nearer the eye, the more a node's thickness counts beside its spread."""
 
 
 @njit(cache=True)
-def _blocks(edges):
-    return (edges + LANES - 1) // LANES
+def _cost(edges):
+    """Of testing the edges of a node that has some, in as many leaves as they need."""
+    return max(1.0, edges / ALL) * LEAF_COST + edges * EDGE_COST
 
 
 @njit(cache=True)
@@ -51,29 +54,83 @@ def parents_of(skip):
 
 
 @njit(cache=True)
-def worth_their_test(skip, edge_start, scaled_normal, parent):
-    """(n,) bool: nodes to keep. The probability of missing a node's cones is taken as that of far eyes, 1 / |scaled normal|."""
-    n = skip.shape[0]
-    edges, children, miss = np.empty(n, np.int64), np.zeros(n), np.empty(n)
-    for i in range(n):
-        edges[i] = edge_start[i + 1] - edge_start[i]
+def miss_probability(scaled_normal, separation):
+    """(n,) f8: how likely an eye is in neither cone of a node: 1 / |scaled normal| for far eyes, and more by its thickness."""
+    miss = np.ones(separation.shape[0])
+    for i in range(separation.shape[0]):
         square = 0.0
         for k in range(3):
             square += np.float64(scaled_normal[i, k]) ** 2
-        miss[i] = 1.0 / math.sqrt(max(1.0, square))
-        if parent[i] >= 0:
-            children[parent[i]] += 1.0
-    keep = np.ones(n, np.bool_)
+        if square > 1.0:
+            length = math.sqrt(square)
+            if separation[i] > 1e38:
+                miss[i] = 0.5 + 0.5 / length
+            else:
+                miss[i] = min(1.0, 1.0 / length + separation[i] / length / (2.0 * EYE_DISTANCE))
+    return miss
+
+
+@njit(cache=True)
+def _gain(p, child, total, edges, children, miss):
+    """Change of the cost when node p, with `total` edges by then, takes the edges and children of a child."""
+    change = (miss[p] - miss[child]) * CONE_COST * children[child] - miss[p] * CONE_COST
+    if edges[child] > 0:
+        change += miss[p] * (_cost(total + edges[child]) - _cost(total)) - miss[child] * _cost(edges[child])
+    return change
+
+
+@njit(cache=True)
+def worth_their_test(edge_start, miss, parent):
+    """(n,) bool: nodes to keep; miss (n,) f8 of `miss_probability`.
+
+    From the leaves up, a node takes those children whose union with it is predicted to be cheaper, and then theirs.
+    """
+    n = miss.shape[0]
+    edges, children = np.empty(n, np.int64), np.zeros(n, np.int64)
+    first, following = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
+    keep, taken = np.ones(n, np.bool_), np.empty(n, np.bool_)
     for i in range(n - 1, -1, -1):
-        p = parent[i]
-        if p < 0:
-            continue
-        change = miss[p] * (_blocks(edges[p] + edges[i]) - _blocks(edges[p]) - NODE_COST) - miss[i] * _blocks(edges[i])
-        if change + (miss[p] - miss[i]) * NODE_COST * children[i] < 0.0:
-            keep[i] = False
-            edges[p] += edges[i]
-            children[p] += children[i] - 1.0
+        edges[i] = edge_start[i + 1] - edge_start[i]
+        more = children[i] > 0
+        while more:
+            total, change = edges[i], 0.0 if edges[i] else miss[i] * LEAF_COST
+            child = first[i]
+            while child >= 0:
+                gain = _gain(i, child, total, edges, children, miss)
+                taken[child] = gain < 0.0
+                if taken[child]:
+                    total, change = total + edges[child], change + gain
+                child = following[child]
+            more = change < 0.0
+            if more:
+                more = _take(i, taken, first, following, edges, children, keep)
+        if parent[i] >= 0:
+            following[i], first[parent[i]] = first[parent[i]], i
+            children[parent[i]] += 1
     return keep
+
+
+@njit(cache=True)
+def _take(node, taken, first, following, edges, children, keep):
+    """Give the taken children's edges and children to the node; returns whether one was taken."""
+    child, some = first[node], False
+    first[node] = -1
+    while child >= 0:
+        after = following[child]
+        if taken[child]:
+            some = True
+            keep[child] = False
+            edges[node] += edges[child]
+            children[node] += children[child] - 1
+            grandchild = first[child]
+            while grandchild >= 0:
+                next_one = following[grandchild]
+                following[grandchild], first[node] = first[node], grandchild
+                grandchild = next_one
+        else:
+            following[child], first[node] = first[node], child
+        child = after
+    return some
 
 
 @njit(cache=True)

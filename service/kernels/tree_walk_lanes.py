@@ -15,12 +15,6 @@ LANES = 8
 NODE_ROWS = 12
 """Rows of a node block, LANES float32 each: scaled normal (3), front anchor (3), back anchor (3), scaled normal . front
 anchor, separation, length of the scaled normal."""
-FACE_ROWS = 4
-"""Rows of a face block: x, y, z, d of its planes."""
-END_FLOATS = 4
-"""Floats an edge block takes: a byte for the left and one for the right face of each edge."""
-LEAF_FACES = 64
-"""Faces of a leaf: their sides are the bits of a word."""
 
 SET_BITS = np.array([([j for j in range(LANES) if m >> j & 1] + [0] * LANES)[:LANES] for m in range(256)], np.int32)
 """Row m: the numbers of the set bits of m, in order, then zeros."""
@@ -32,14 +26,11 @@ _MASK = ir.IntType(LANES)
 _WORD = ir.IntType(32)
 _LONG = ir.IntType(64)
 _INT_LANE = ir.VectorType(_WORD, LANES)
-_BYTE_LANE = ir.VectorType(ir.IntType(8), LANES)
-_LONG_LANE = ir.VectorType(_LONG, LANES)
-_FLOATS = types.Array(types.float32, 1, "C")
 _INTS = types.Array(types.int32, 1, "C")
 
 
 def _rows(context, builder, signature, args, count):
-    """Load `count` consecutive rows of array args[0] from float args[1] on."""
+    """Load `count` consecutive rows of LANES floats of array args[0] from word args[1] on."""
     array = context.make_array(signature.args[0])(context, builder, args[0])
     first = builder.gep(array.data, [args[1]])
     rows = builder.bitcast(first, _LANE.as_pointer())
@@ -76,13 +67,13 @@ def _reached(builder, along, offset):
 
 
 @intrinsic
-def missed_cones(typingctx, nodes, at, x, y, z, w, w_back, margin):
-    """Word whose bit j says that lane j of the node block at float `at` must be walked: the eye is in neither of its cones.
+def missed_cones(typingctx, arena, at, x, y, z, w, w_back, margin):
+    """Word whose bit j says that lane j of the node block at word `at` must be walked: the eye is in neither of its cones.
 
     (x, y, z, w) f4 the eye, w_back: w, or a tiny number for an eye at infinity (a separation of 3e38 still fails then).
     margin: what both tests must hold by, for a scaled normal of length one.
     """
-    signature = types.uint64(_FLOATS, types.intp, *([types.float32] * 6))
+    signature = types.uint64(_INTS, types.intp, *([types.float32] * 6))
 
     def codegen(context, builder, sig, args):
         r = _rows(context, builder, sig, args, NODE_ROWS)
@@ -101,50 +92,8 @@ def missed_cones(typingctx, nodes, at, x, y, z, w, w_back, margin):
 
 
 @intrinsic
-def face_sides(typingctx, leaves, at, x, y, z, w, bound):
-    """Word of two bytes for the eight planes at float `at`: bit j of byte 0 says that the eye is surely in front of plane j,
-    bit j of byte 1 that it is doubtful."""
-    signature = types.uint64(_FLOATS, types.intp, *([types.float32] * 5))
-
-    def codegen(context, builder, sig, args):
-        plane = _rows(context, builder, sig, args, FACE_ROWS)
-        eye = [_splat(builder, a) for a in args[2:5]]
-        w_, bound_ = _splat(builder, args[5]), _splat(builder, args[6])
-        height = builder.fadd(_dot(builder, plane[:3], eye), builder.fmul(plane[3], w_))
-        front = builder.fcmp_ordered(">", height, bound_)
-        back = builder.fcmp_ordered("<", height, builder.fneg(bound_))
-        doubtful = builder.not_(builder.or_(front, back))
-        return builder.or_(_bits(builder, front, 0), _bits(builder, doubtful, LANES))
-
-    return signature, codegen
-
-
-@intrinsic
-def edge_sides(typingctx, leaves, at, front):
-    """Word of two bytes for the eight edges whose faces' numbers are the sixteen bytes at float `at`: left ones, right ones.
-
-    front: bit k says that face k of the leaf is front. Bit j of byte 0: the left face of edge j is front; of byte 1: the right.
-    """
-    signature = types.uint64(_FLOATS, types.intp, types.uint64)
-
-    def codegen(context, builder, sig, args):
-        array = context.make_array(sig.args[0])(context, builder, args[0])
-        rows = builder.bitcast(builder.gep(array.data, [args[1]]), _BYTE_LANE.as_pointer())
-        faces = _splat(builder, args[2], _LONG_LANE)
-        word = ir.Constant(_LONG, 0)
-        for side in range(2):
-            row = builder.load(builder.gep(rows, [ir.Constant(_LONG, side)]))
-            row.align = 4
-            bit = builder.lshr(faces, builder.zext(row, _LONG_LANE))
-            word = builder.or_(word, _bits(builder, builder.trunc(bit, ir.VectorType(ir.IntType(1), LANES)), LANES * side))
-        return word
-
-    return signature, codegen
-
-
-@intrinsic
 def append_lanes(typingctx, out, at, set_bits, mask, base):
-    """out[at:at + LANES] = base + 2 * set_bits[LANES * mask:]: twice the numbers of the set bits, whatever their count.
+    """out[at:at + LANES] = base + set_bits[LANES * mask:]: the numbers of the set bits, whatever their count.
 
     Writes all lanes; the caller advances by the count, so out keeps LANES spare entries. out, set_bits (1-d) i4.
     """
@@ -155,7 +104,7 @@ def append_lanes(typingctx, out, at, set_bits, mask, base):
         row = builder.mul(args[3], ir.Constant(args[3].type, LANES))
         bits = builder.load(builder.bitcast(builder.gep(table.data, [row]), _INT_LANE.as_pointer()))
         bits.align = 4
-        value = builder.add(_splat(builder, args[4], _INT_LANE), builder.add(bits, bits))
+        value = builder.add(_splat(builder, args[4], _INT_LANE), bits)
         array = context.make_array(sig.args[0])(context, builder, args[0])
         store = builder.store(value, builder.bitcast(builder.gep(array.data, [args[1]]), _INT_LANE.as_pointer()))
         store.align = 4
@@ -165,9 +114,9 @@ def append_lanes(typingctx, out, at, set_bits, mask, base):
 
 
 @intrinsic
-def prefetch(typingctx, values, at):
-    """Ask for the cache line of float `at`, which may lie outside the array: nothing is read."""
-    signature = types.void(_FLOATS, types.intp)
+def prefetch(typingctx, arena, at):
+    """Ask for the cache line of word `at`, which may lie outside the array: nothing is read."""
+    signature = types.void(_INTS, types.intp)
 
     def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[0])(context, builder, args[0])

@@ -1,7 +1,6 @@
 """Packs a preorder silhouette forest into blocks of eight for the walk.
 
 A *node block* holds up to eight cones tested together; each has the leaves it guards and the node block below it, or -1.
-A *leaf* holds the planes of up to LEAF_FACES faces, eight to a block, and edges that name their faces by their number in it.
 Roots, and children beyond eight, run on in the `next` block. A block is filled up with grandchildren where there is room:
 the child most likely to be walked for the lanes it takes gives its place to its own children; its edges keep its cone.
 
@@ -15,8 +14,8 @@ import math
 import numpy as np
 from numba import njit
 
-from service.kernels.tree_walk import AT, EDGE_BLOCKS, EDGE_LANE, EDGES, FACE_BLOCKS, FACE_LANE, MORE
-from service.kernels.tree_walk_lanes import END_FLOATS, FACE_ROWS, LANES, LEAF_FACES
+from service.kernels.tree_walk import BELOW, BLOCK_WORDS, LEAF, MASKS, NEXT
+from service.kernels.tree_walk_lanes import LANES
 
 EDGES_ONLY = 1 << 30
 """Added to a node's number in an item: its edges alone, its children are items of the same block."""
@@ -115,118 +114,31 @@ def group(skip, edge_start, scaled_normal, item, below, next_block):
 
 
 @njit(cache=True)
-def pack_nodes(item, scaled_normal, front_anchor, back_anchor, separation, packed):
-    """packed (b, NODE_ROWS, LANES) f4 of items (b, LANES); an item without cones, or none, is never in a cone."""
+def pack_nodes(item, below, next_block, lines, scaled_normal, front_anchor, back_anchor, separation, arena):
+    """Node blocks into the head of arena (b * BLOCK_WORDS words, zero) from items, blocks below and first leaves' lines
+    (b, LANES) i4, and next blocks (b,) i4, as the walk reads them; an item without cones, or none, is never in a cone."""
+    floats = arena.view(np.float32)
     for b in range(item.shape[0]):
+        at = b * BLOCK_WORDS
+        arena[at + NEXT] = next_block[b] * BLOCK_WORDS if next_block[b] >= 0 else -1
         for j in range(LANES):
-            packed[b, :, j] = 0.0
-            packed[b, 11, j] = 1.0  # with a zero normal, the margin alone then fails both tests
+            floats[at + 11 * LANES + j] = 1.0  # with a zero normal, the margin alone then fails both tests
+            arena[at + BELOW + j] = below[b, j] * BLOCK_WORDS if below[b, j] >= 0 else -1
+            arena[at + LEAF + j] = lines[b, j]
             if item[b, j] < 0:
                 continue
             node = item[b, j] & ~EDGES_ONLY
+            arena[at + MASKS] += 1 << 16
+            arena[at + MASKS] |= (1 << j if below[b, j] >= 0 else 0) | (256 << j if lines[b, j] >= 0 else 0)
             square, along = 0.0, 0.0
             for k in range(3):
                 s = np.float64(scaled_normal[node, k])
                 square += s * s
                 along += s * np.float64(front_anchor[node, k])
-                packed[b, k, j] = scaled_normal[node, k]
-                packed[b, 3 + k, j] = front_anchor[node, k]
-                packed[b, 6 + k, j] = back_anchor[node, k]
+                floats[at + k * LANES + j] = scaled_normal[node, k]
+                floats[at + (3 + k) * LANES + j] = front_anchor[node, k]
+                floats[at + (6 + k) * LANES + j] = back_anchor[node, k]
             if square > 0.0:
-                packed[b, 9, j] = along
-                packed[b, 10, j] = separation[node]
-                packed[b, 11, j] = math.sqrt(square) * (1.0 + 1e-6)
-
-
-@njit(cache=True)
-def split_leaves(item, edge_start, edge_index, edge_faces, mark, first_leaf, leaf_start, more):
-    """Share the edges of every item out to leaves of at most LEAF_FACES faces; returns their number.
-
-    first_leaf (b, LANES) i4: -1 where an item has no edges; leaf_start (e + 1,) i4 into edge_index, in the order of the
-    leaves, which is that of the returned permutation; more (e,) i4; mark (f,) i4 scratch, -1 at first.
-    """
-    order = np.empty_like(edge_index)
-    leaf, at = 0, 0
-    for b in range(item.shape[0]):
-        for j in range(LANES):
-            first_leaf[b, j] = -1
-            if item[b, j] < 0:
-                continue
-            node = item[b, j] & ~EDGES_ONLY
-            if edge_start[node] == edge_start[node + 1]:
-                continue
-            first_leaf[b, j] = leaf
-            leaf_start[leaf] = at
-            known = 0
-            for k in range(edge_start[node], edge_start[node + 1]):
-                f, g = edge_faces[edge_index[k], 0], edge_faces[edge_index[k], 1]
-                new = (1 if mark[f] != leaf else 0) + (1 if mark[g] != leaf else 0)
-                if known + new > LEAF_FACES:
-                    more[leaf] = 1
-                    leaf += 1
-                    leaf_start[leaf] = at
-                    known, new = 0, 2
-                known += new
-                mark[f], mark[g] = leaf, leaf
-                order[at] = edge_index[k]
-                at += 1
-            more[leaf] = 0
-            leaf += 1
-    leaf_start[leaf] = at
-    return leaf, order
-
-
-@njit(cache=True)
-def measure_leaves(leaf_start, more, order, edge_faces, mark, record):
-    """Fill record (l, LEAF_COLUMNS) i4; returns (floats, face lanes, edge lanes). mark (f,) i4 scratch, -1 at first."""
-    at, face_lane, edge_lane = 0, 0, 0
-    for leaf in range(record.shape[0]):
-        known = 0
-        for k in range(leaf_start[leaf], leaf_start[leaf + 1]):
-            for side in range(2):
-                f = edge_faces[order[k], side]
-                if mark[f] != leaf:
-                    mark[f] = leaf
-                    known += 1
-        edges = leaf_start[leaf + 1] - leaf_start[leaf]
-        face_blocks, edge_blocks = (known + LANES - 1) // LANES, (edges + LANES - 1) // LANES
-        record[leaf, AT], record[leaf, FACE_LANE], record[leaf, EDGE_LANE] = at, face_lane, edge_lane
-        record[leaf, FACE_BLOCKS], record[leaf, EDGE_BLOCKS] = face_blocks, edge_blocks
-        record[leaf, EDGES], record[leaf, MORE] = edges, more[leaf]
-        at += face_blocks * FACE_ROWS * LANES + edge_blocks * END_FLOATS
-        face_lane += face_blocks * LANES
-        edge_lane += edge_blocks * LANES
-    return at, face_lane, edge_lane
-
-
-@njit(cache=True)
-def pack_leaves(record, leaf_start, order, edge_vertices, edge_faces, x, y, z, d, mark, leaves, lane_face, lane_vertices):
-    """Planes and face numbers of all leaves into leaves (k,) f4; an unused face lane repeats the first, an unused edge lane
-    has that face on both sides, so neither shows. lane_face (face lanes,), lane_vertices (edge lanes, 2) i4.
-
-    mark (f,) i4 scratch, any content.
-    """
-    ends = leaves.view(np.uint8)
-    lane_vertices[:, :] = -1
-    for leaf in range(record.shape[0]):
-        base, known = record[leaf, FACE_LANE], 0
-        first_end = 4 * (record[leaf, AT] + record[leaf, FACE_BLOCKS] * FACE_ROWS * LANES)
-        ends[first_end : first_end + 4 * END_FLOATS * record[leaf, EDGE_BLOCKS]] = 0
-        for k in range(leaf_start[leaf], leaf_start[leaf + 1]):
-            e, lane = order[k], k - leaf_start[leaf]
-            for side in range(2):
-                f = edge_faces[e, side]
-                m = mark[f]
-                if not (0 <= m < known and lane_face[base + m] == f):
-                    m = known
-                    mark[f] = m
-                    lane_face[base + m] = f
-                    known += 1
-                ends[first_end + lane // LANES * (2 * LANES) + side * LANES + lane % LANES] = m
-                lane_vertices[record[leaf, EDGE_LANE] + lane, side] = edge_vertices[e, side]
-        for m in range(record[leaf, FACE_BLOCKS] * LANES):
-            if m >= known:
-                lane_face[base + m] = lane_face[base]
-            f = lane_face[base + m]
-            at = record[leaf, AT] + m // LANES * (FACE_ROWS * LANES) + m % LANES
-            leaves[at], leaves[at + LANES], leaves[at + 2 * LANES], leaves[at + 3 * LANES] = x[f], y[f], z[f], d[f]
+                floats[at + 9 * LANES + j] = along
+                floats[at + 10 * LANES + j] = separation[node]
+                floats[at + 11 * LANES + j] = math.sqrt(square) * (1.0 + 1e-6)
