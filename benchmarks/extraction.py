@@ -1,13 +1,15 @@
-"""Silhouette extraction by the search tree against brute force, on one thread.
+"""Silhouette extraction by the search tree against brute force, on one thread, and by the tree on more.
 
     python -m benchmarks.extraction MESH [--eyes 200] [--json]
 
 MESH is a file or a name that `benchmarks.models` knows. Eyes are perspective, in random directions, between 1.5
 and 4 radii from the centre; figures are medians over them. `brute_scalar_us` tests both stored planes of every edge, one edge
 at a time; `brute_simd_us` is SIMD facing bits, then a scan of the edges. `tested_edges` and `tested_nodes` are what
-`tree_us` tests, eight at a time; `stored_edges` and `stored_nodes` what a walk of the stored forest would test one at a time,
-as in the paper. `mismatches` counts eyes for which the tree or the SIMD brute force differ from the exact predicate on all
-edges; as many orthographic eyes as a tenth of `--eyes` are checked too.
+`tree_us` tests, up to 64 at a time; `scalar_speedup` and `simd_speedup` are brute force over that. `many_us` is an eye's share
+of one call for all of them, `many_threads_us` that of the same call on THREADS threads, and `threads_us` is one eye on them.
+`stored_edges` and `stored_nodes` are what a walk of the stored forest would test one at a time, as in the paper. `mismatches`
+counts eyes for which the tree or the SIMD brute force differ from the exact predicate on all edges; as many orthographic eyes
+as a tenth of `--eyes` are checked too.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from worker.tree import Tree, build_tree
 
 NEAREST, FARTHEST = 1.5, 4.0  # radii
 ROUNDS = 3  # timings of an eye; the least counts
+THREADS = 2
 
 
 def read(mesh: str) -> tuple[F4, I4, EdgeTable]:
@@ -65,6 +68,17 @@ def microseconds(run: Callable[[F8], Any], eyes: F8) -> float:
             run(eye)
             best[i] = min(best[i], time.perf_counter() - start)
     return float(np.median(best) * 1e6)
+
+
+def together(tree: SilhouetteTree, eyes: F8, threads: int) -> float:
+    """Microseconds an eye of one call for all eyes, the least of ROUNDS."""
+    tree.extract_many(eyes[:threads], threads)
+    least = np.inf
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        tree.extract_many(eyes, threads)
+        least = min(least, time.perf_counter() - start)
+    return float(least / len(eyes) * 1e6)
 
 
 @njit(cache=True)
@@ -111,6 +125,9 @@ def measure(name: str, eye_count: int) -> dict[str, Any]:
     eyes = random_eyes(eye_count, eye_count // 10)
     near = eyes[:eye_count]
     counts = np.median([_counts(tree, stored, eye) for eye in near], axis=0)
+    scalar = microseconds(lambda eye: silhouette_edgewise(planes, *table, eye), near)
+    simd = microseconds(lambda eye: silhouette_simd(planes, *table, eye), near)
+    alone = microseconds(tree.extract, near)
     return {
         "mesh": name,
         "faces": len(faces),
@@ -120,9 +137,14 @@ def measure(name: str, eye_count: int) -> dict[str, Any]:
         "tested_nodes": int(counts[2]),
         "stored_edges": int(counts[3]),
         "stored_nodes": int(counts[4]),
-        "brute_scalar_us": round(microseconds(lambda eye: silhouette_edgewise(planes, *table, eye), near), 1),
-        "brute_simd_us": round(microseconds(lambda eye: silhouette_simd(planes, *table, eye), near), 1),
-        "tree_us": round(microseconds(tree.extract, near), 1),
+        "brute_scalar_us": round(scalar, 1),
+        "brute_simd_us": round(simd, 1),
+        "tree_us": round(alone, 1),
+        "scalar_speedup": round(scalar / alone, 2),
+        "simd_speedup": round(simd / alone, 2),
+        "many_us": round(together(tree, near, 1), 1),
+        "many_threads_us": round(together(tree, near, THREADS), 1),
+        "threads_us": round(microseconds(lambda eye: tree.extract(eye, THREADS), near), 1),
         "mismatches": sum(not _agree(tree, planes, eye) for eye in eyes),
         "build_seconds": round(build_seconds, 2),
     }

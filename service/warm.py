@@ -83,6 +83,7 @@ def warm(renderer: Renderer) -> None:
             asset = octahedron(store)
             for request in _requests():
                 renderer.submit(asset, request).result()
+            _extract_together(asset)
             for camera in (WHOLE, BESIDE, INSIDE):
                 for smooth in (False, True):
                     described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
@@ -93,6 +94,14 @@ def warm(renderer: Renderer) -> None:
         log.info("not warmed: %s", error)
     else:
         log.info("warmed", extra={"seconds": round(clock.ms() / 1e3, 2)})
+
+
+def _extract_together(asset: MeshAsset) -> None:
+    """Several eyes in one call, and one eye on several threads."""
+    assert asset.tree is not None
+    eyes = np.array([[2.0, 1.0, 1.0, 1.0], [0.0, 0.0, 1.0, 0.0]])
+    asset.tree.extract_many(eyes)
+    asset.tree.share_leaves(eyes[0], threads=2)
 
 
 def _requests() -> Iterator[RenderRequest]:

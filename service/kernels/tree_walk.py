@@ -18,8 +18,8 @@ from numba import njit
 from numba.cpython.unsafe.numbers import trailing_zeros
 
 from geometry.predicates import is_front_facing
-from service.kernels.tree_walk_lanes import BIT_COUNT, LANES, NODE_ROWS, SET_BITS, append_lanes, missed_cones, prefetch
-from service.kernels.tree_walk_leaf import SIXTEEN, WIDE, bits_at, byte_at, first_pairs, face_sides, leaf_eye, look_up, ones
+from service.kernels.tree_walk_lanes import BIT_COUNT, SET_BITS, append_lanes, missed_cones, prefetch
+from service.kernels.tree_walk_leaf import SIXTEEN, WIDE, bits_at, byte_at, face_sides, first_pairs, leaf_eye, look_up, ones
 
 CONE_ERROR = 2.0**-19
 """32 u, of which the test's roundings use at most 20."""
@@ -37,8 +37,8 @@ EDGES_BITS, VERTICES_BITS, TURN_BITS, MORE_BIT = 8, 16, 24, 26
 next leaf is of the same node."""
 PLANE, STEP, ERROR, COUNTS, FACE_LANE, FORCED, FLIPPED, HEAD_WORDS = 0, 4, 8, 10, 11, 12, 14, 16
 """Words of a leaf's head: its plane and the steps of the 16-bit differences from it (four words each, of which the plane's
-first is 1 and the steps' first is 0), errors of normal and distance, counts, the word where its faces are listed, and the bits of the faces that
-are always decided exactly and of those whose plane is stored turned round, two words each."""
+first is 1 and the steps' first is 0), errors of normal and distance, counts, the word where its faces are listed, and the bits
+of the faces that are always decided exactly and of those whose plane is stored turned round, two words each."""
 
 FARTHEST_EYE = 1e14
 """Normalised units: beyond, squares of scaled normals times the eye could overflow float32; such eyes are brute force."""
@@ -207,16 +207,24 @@ def open_nodes(arena, scratch, lanes, eye, eyes, farthest):
 
 
 @njit(cache=True, nogil=True)
-def walk(arena, scratch, lanes, positions, faces, eye, farthest):
-    """(edges (s, 2) i4, edges tested, cones tested) for a finite eye (4,) f8 in the normalised frame; the other arguments as
-    `open_nodes` has them. Edges tested: -1 when the eye is too far for float32, and nothing was done."""
+def find_edges(arena, scratch, lanes, positions, faces, eye, farthest):
+    """(edges, edges tested, cones tested) of a finite eye (4,) f8 in the normalised frame; the other arguments as `open_nodes`
+    has them. The edges are left in the output part of scratch. Edges tested: -1 when the eye is too far, and nothing was done.
+    """
     eyes = turned_eyes(eye)
     if eyes[0] == 0.0 and eyes[1] == 0.0 and eyes[2] == 0.0 and (eye[0] != 0.0 or eye[1] != 0.0 or eye[2] != 0.0):
-        return np.empty((0, 2), np.int32), -1, 0
+        return 0, -1, 0
     leaves, cones = open_nodes(arena, scratch, lanes, eye, eyes, farthest)
-    count, tested = 0, 0
-    if leaves.shape[0]:
-        count, tested = visit_leaves(arena, leaves, positions, faces, eye, eyes, scratch[2 * lanes :])
+    if leaves.shape[0] == 0:
+        return 0, 0, cones
+    count, tested = visit_leaves(arena, leaves, positions, faces, eye, eyes, scratch[2 * lanes :])
+    return count, tested, cones
+
+
+@njit(cache=True, nogil=True)
+def walk(arena, scratch, lanes, positions, faces, eye, farthest):
+    """(edges (s, 2) i4, edges tested, cones tested), as `find_edges`."""
+    count, tested, cones = find_edges(arena, scratch, lanes, positions, faces, eye, farthest)
     return as_edges(scratch[2 * lanes :], count), tested, cones
 
 
@@ -224,24 +232,31 @@ def walk(arena, scratch, lanes, positions, faces, eye, farthest):
 def as_edges(out, count):
     """(count, 2) i4 copy of the first pairs of out."""
     edges = np.empty((count, 2), np.int32)
-    for k in range(count):
-        edges[k, 0], edges[k, 1] = out[2 * k], out[2 * k + 1]
+    put_edges(out, count, edges)
     return edges
 
 
 @njit(cache=True, nogil=True)
+def put_edges(out, count, edges):
+    """The first pairs of out into edges[:count]."""
+    for k in range(count):
+        edges[k, 0], edges[k, 1] = out[2 * k], out[2 * k + 1]
+
+
+@njit(cache=True, nogil=True)
 def walk_many(arena, scratch, lanes, positions, faces, eyes, farthest):
-    """(edges (s, 2) i4 of one eye after the other, (k, 3) i8: edges, edges tested and cones tested of each) for eyes (k, 4) f8
-    as `walk` takes them."""
+    """(edges (s, 2) i4 of one eye after the other, (k, 3) i8: edges, edges tested and cones tested of each), as `find_edges`,
+    for eyes (k, 4) f8."""
     numbers = np.empty((eyes.shape[0], 3), np.int64)
-    edges, total = np.empty((1024, 2), np.int32), 0
+    edges, total = np.empty((0, 2), np.int32), 0
     for i in range(eyes.shape[0]):
-        own, numbers[i, 1], numbers[i, 2] = walk(arena, scratch, lanes, positions, faces, eyes[i], farthest)
-        numbers[i, 0] = own.shape[0]
-        if total + own.shape[0] > edges.shape[0]:
-            larger = np.empty((2 * (total + own.shape[0]), 2), np.int32)
+        count, numbers[i, 1], numbers[i, 2] = find_edges(arena, scratch, lanes, positions, faces, eyes[i], farthest)
+        numbers[i, 0] = count
+        if total + count > edges.shape[0]:
+            # room for the eyes to come, should they have a quarter more than those so far
+            larger = np.empty(((total + count) * (5 * eyes.shape[0]) // (4 * (i + 1)) + count, 2), np.int32)
             larger[:total] = edges[:total]
             edges = larger
-        edges[total : total + own.shape[0]] = own
-        total += own.shape[0]
-    return edges[:total].copy(), numbers
+        put_edges(scratch[2 * lanes :], count, edges[total:])
+        total += count
+    return edges[:total], numbers

@@ -26,6 +26,8 @@ _WALK: Callable[..., tuple[I4, int, int]] = tree_walk.walk
 _TOO_FAR = -1
 _LEAVES_A_THREAD = 1500
 """Fewer are not worth waking a thread for: some 0.1 ms."""
+_EDGES_TO_SHARE = 400_000
+"""Meshes with fewer have fewer leaves to test than that for any eye worth drawing."""
 
 
 class Extraction(NamedTuple):
@@ -64,17 +66,15 @@ class SilhouetteTree:
     def extract(self, eye: F8, threads: int = 1) -> Extraction:
         """Silhouette for a homogeneous eye (4,) f8 in the normalised frame (`schemas.conventions`).
 
-        threads: how many may share the leaves, where there are enough of them; the edges come in the same order.
+        threads: how many may share the leaves, where the mesh is so large that it pays; the edges come in the same order.
         Raises ValueError when the eye is not finite or its last coordinate is neither 1 nor 0.
         """
         eye = np.ascontiguousarray(eye, np.float64)
         if eye.shape != (4,) or not _are_eyes(*eye.tolist()):
             raise ValueError("an eye is four finite numbers, the last one 1 or 0")
-        if threads > 1:
-            return self._shared(eye, threads)
-        edges, tested, cones = _WALK(
-            self._arena, self._scratch.words, self._lanes, self.positions, self.faces, eye, self._farthest_anchor
-        )
+        if threads > 1 and len(self.edge_vertices) >= _EDGES_TO_SHARE:
+            return self.share_leaves(eye, threads)
+        edges, tested, cones = _WALK(self._arena, self._scratch.words, self._lanes, self.positions, self.faces, eye, self._farthest_anchor)
         return self._by_brute_force(eye) if tested == _TOO_FAR else Extraction(edges, tested, cones)
 
     def extract_many(self, eyes: F8, threads: int = 1) -> list[Extraction]:
@@ -101,8 +101,8 @@ class SilhouetteTree:
             begin = end
         return found
 
-    def _shared(self, eye: F8, threads: int) -> Extraction:
-        """The leaves of one eye shared out to threads, this one among them."""
+    def share_leaves(self, eye: F8, threads: int) -> Extraction:
+        """As `extract`, the leaves shared out to threads, this one among them, however large the mesh. eye (4,) f8 is checked already."""
         eyes: F4 = tree_walk.turned_eyes(eye)
         if not eyes[:3].any() and eye[:3].any():
             return self._by_brute_force(eye)

@@ -52,19 +52,22 @@ def pack_tree(positions: F4, faces: I4, edge_vertices: I4, edge_faces: I4, tree:
     item, below, next_block = _blocks(skip, start, cones[0][kept])
     first_leaf, order = np.empty_like(item), np.empty_like(index)
     record = np.empty((len(index), tree_walk_pack_leaves.COLUMNS), np.int32)
-    marks = np.full(len(faces), -1, np.int32), np.full(len(positions), -1, np.int32)
+    face_mark, vertex_mark = np.full(len(faces), -1, np.int32), np.full(len(positions), -1, np.int32)
     leaves, lines, face_lanes = tree_walk_pack_leaves.split_leaves(
-        item, start, index, edge_faces, edge_vertices, *marks, first_leaf, order, record
+        item, start, index, edge_faces, edge_vertices, face_mark, vertex_mark, first_leaf, order, record
     )
     record = record[:leaves].copy()
     first_line = len(item) * tree_walk.BLOCK_WORDS // tree_walk.LINE
     arena = _lines(first_line + lines + -(-face_lanes // tree_walk.LINE))
     at = np.where(first_leaf >= 0, first_line + record[first_leaf, tree_walk_pack_leaves.AT], -1).astype(np.int32)
-    tree_walk_pack.pack_nodes(item, below, next_block, at, *(cone[kept] for cone in cones), arena)
+    scaled, front, back, separation = (cone[kept] for cone in cones)
+    tree_walk_pack.pack_nodes(item, below, next_block, at, scaled, front, back, separation, arena)
     planes = tree_walk_pack_leaves.unit_planes(positions, faces)
     reach = float(np.sqrt((positions.astype(np.float64) ** 2).sum(axis=1)).max())
     first_word, lane = first_line * tree_walk.LINE, (first_line + lines) * tree_walk.LINE
-    tree_walk_pack_leaves.pack_leaves(record, first_word, order, edge_vertices, edge_faces, planes, reach, *marks, arena, lane)
+    tree_walk_pack_leaves.pack_leaves(
+        record, first_word, order, edge_vertices, edge_faces, planes, reach, face_mark, vertex_mark, arena, lane
+    )
     return arena, (len(item) + 1) * LANES
 
 

@@ -1,4 +1,8 @@
+import os
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +16,7 @@ from service.silhouette.extract import SilhouetteTree
 from tests import eye_cases, meshes, oracles
 from worker.tree import build_tree
 
+ROOT = Path(__file__).resolve().parents[2]
 SHAPES = {
     "cube": meshes.cube(2),
     "many coplanar faces": meshes.cube(12),
@@ -125,6 +130,32 @@ def test_few_edges_are_tested_on_a_smooth_mesh():
     assert 0 < found.tested_nodes < 0.1 * len(tree.edge_vertices)
 
 
+def same(found, expected):
+    return np.array_equal(found.edges, expected.edges) and found[1:] == expected[1:]
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("name", SHAPES)
+def test_many_eyes_in_one_call_are_each_as_alone(prepared, name, threads):
+    tree = prepared[name]
+    eyes = np.stack([*meshes.eyes(20, nearest=0.1, orthographic=5), *eye_cases.awkward(tree.positions, tree.faces).values()])
+    for found, eye in zip(tree.extract_many(eyes, threads), eyes, strict=True):
+        assert same(found, tree.extract(eye))
+
+
+def test_no_eyes_have_no_silhouettes(prepared):
+    assert prepared["torus"].extract_many(np.empty((0, 4)), threads=2) == []
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_leaves_shared_out_to_threads_give_the_same_edges_in_the_same_order(prepared, name, monkeypatch):
+    monkeypatch.setattr("service.silhouette.extract._LEAVES_A_THREAD", 1)
+    monkeypatch.setattr("service.silhouette.extract._EDGES_TO_SHARE", 0)
+    tree = prepared[name]
+    for eye in [*meshes.eyes(10, orthographic=5), *eye_cases.awkward(tree.positions, tree.faces).values()]:
+        assert same(tree.extract(eye, threads=3), tree.extract(eye))
+
+
 def test_threads_share_a_tree(prepared):
     tree, eyes = prepared["bumpy sphere"], meshes.eyes(40)
     expected = [brute(tree, eye) for eye in eyes]
@@ -163,6 +194,8 @@ def test_read_only_arrays_are_accepted():
 def test_what_is_no_eye_is_refused(prepared, eye):
     with pytest.raises(ValueError, match="eye"):
         prepared["torus"].extract(np.array(eye, np.float64))
+    with pytest.raises(ValueError, match="eye"):
+        prepared["torus"].extract_many(np.array([eye], np.float64))
 
 
 def _shortened(tree, mesh):
@@ -204,6 +237,32 @@ def test_a_tree_of_another_mesh_is_refused(fault):
     tree, mesh = fault(tree, mesh)
     with pytest.raises(CorruptArtifactError):
         SilhouetteTree(mesh, tree)
+
+
+PLAIN_CPU = """
+import numpy as np
+from geometry.silhouettes import silhouette_scalar
+from service.kernels.tree_walk_leaf import WIDE
+from service.silhouette.extract import SilhouetteTree
+from tests import meshes, oracles
+from tests.service.test_extract import tensors
+
+tree = SilhouetteTree(*tensors(*meshes.normalised(meshes.bumpy_sphere(3))[:2]))
+table = (tree.positions, tree.faces, tree.edge_vertices, tree.edge_faces)
+assert not WIDE
+for eye in meshes.eyes(20, orthographic=5):
+    assert oracles.edge_set(tree.extract(eye).edges) == oracles.edge_set(silhouette_scalar(*table, eye))
+print("same")
+"""
+
+
+@pytest.mark.heavy
+def test_extraction_is_brute_force_on_a_cpu_without_wide_vectors(tmp_path):
+    environment = os.environ | {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": str(tmp_path)}
+    run = subprocess.run(
+        [sys.executable, "-c", PLAIN_CPU], env=environment, cwd=ROOT, capture_output=True, text=True, timeout=280, check=True
+    )
+    assert run.stdout == "same\n"
 
 
 @pytest.mark.heavy
