@@ -113,12 +113,16 @@ class Source(StrEnum):
     ORIGINAL = "original"
 
 
+MAX_ERROR = "pixels by which the outline may lie outside the mesh's, so that a coarser surface can stand for the mesh; exact if not given"
+
+
 class Accuracy(_Request):
     """How exact the picture must be."""
 
     antialias: Antialias = Antialias.COVERAGE
     source: Source = Source.AUTO
     smooth: bool = Field(False, description="curve the outline by the surface's normals, for coarse meshes; only with coverage")
+    max_error_px: FiniteFloat | None = Field(None, gt=0.0, description=MAX_ERROR)
 
 
 class ImageFormat(StrEnum):
@@ -157,6 +161,15 @@ class SilhouetteRequest(_Request):
     positions: bool = Field(True, description="include the positions of the vertices, model units")
     project: ProjectTo | None = Field(None, description="include the vertices' pixel coordinates in an image of this size")
     smooth: bool = Field(False, description="add the contours of the surface with interpolated normals, as curves; needs `project`")
+    max_error_px: FiniteFloat | None = Field(None, gt=0.0, description=MAX_ERROR + "; needs `project`")
+
+
+class Surface(BaseModel):
+    """What a silhouette is of. level: whether it is not the mesh but a hull near it; then vertex numbers are the hull's."""
+
+    level: bool
+    faces: int
+    error_px: float = Field(description="how far the shape in the image can be beyond the mesh's, pixels; 0 for the mesh itself")
 
 
 class Silhouette(BaseModel):
@@ -170,6 +183,7 @@ class Silhouette(BaseModel):
         None,
         description="smooth contours, closed, in pixels: node, two control points of a cubic Bezier curve, node, ..., two control points",
     )
+    surface: Surface = Field(description="whose edges and vertices these are: the mesh's, or those of a level that stands for it")
     vertices: dict[str, Any] = Field(
         {}, description='{"index": [...], "position": [[x, y, z], ...], "pixel": [[x, y], ...]} of the vertices used'
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,10 +20,11 @@ from schemas.errors import NotReadyError
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
 from service.silhouette.extract import SilhouetteTree
+from service.silhouette.levels import SilhouetteLevel
 from service.silhouette.smooth import SmoothSurface
 
-CLIP = "clip"
-"""Name of the capability in the manifest."""
+CLIP, LEVELS = "clip", "levels"
+"""Names of capabilities in the manifest."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class MeshAsset:
     edges: (edge_vertices, edge_faces) of a closed oriented mesh. hull: HULL, maps: MAPS, tree: its silhouette tree; all None
     when the mesh is not clippable. clip: whether it is, and why not.
     normal_vertices (n,) i4, corner_normals (f, 3) i4: as in MESH; None when vertex i has the one normal i.
+    levels: hulls that may stand for it in far views, finest first.
     """
 
     id: str
@@ -48,6 +51,7 @@ class MeshAsset:
     clip: Capability
     normal_vertices: I4 | None = None
     corner_normals: I4 | None = None
+    levels: tuple[SilhouetteLevel, ...] = ()
 
     @property
     def normal_positions(self) -> F4:
@@ -139,7 +143,7 @@ class MeshAsset:
         given = (self.normal_vertices, self.corner_normals, *(self.edges or ()))
         arrays = [self.positions, self.faces, self.normals, *(a for group in groups for a in group.values())]
         arrays += [a for a in given if a is not None]
-        return sum(int(a.nbytes) for a in arrays)
+        return sum(int(a.nbytes) for a in arrays) + sum(level.nbytes for level in self.levels)
 
 
 def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
@@ -170,7 +174,16 @@ def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
         clip=manifest.capabilities.get(CLIP, Capability(available=False, reason="the mesh was not prepared for clipping")),
         normal_vertices=mesh.get("normal_vertices"),
         corner_normals=mesh.get("corner_normals"),
+        levels=_levels(manifest, tensors),
     )
+
+
+def _levels(manifest: Manifest, tensors: Callable[[artifacts.Layout], dict[str, Any] | None]) -> tuple[SilhouetteLevel, ...]:
+    """Those that passed their checks."""
+    if LEVELS not in manifest.capabilities or not manifest.capabilities[LEVELS].available:
+        return ()
+    found = ((tensors(place), tensors(tree)) for place, tree in zip(artifacts.LEVELS, artifacts.LEVEL_TREES, strict=True))
+    return tuple(SilhouetteLevel(mesh, tree) for mesh, tree in found if mesh is not None and tree is not None)
 
 
 class AssetCache:

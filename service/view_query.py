@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from schemas.errors import InvalidRequestError
-from schemas.render import Antialias, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
+from schemas.render import MAX_ERROR, Antialias, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
 from service.errors import InvalidFieldsError, invalid_fields
 
 Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
@@ -33,6 +33,8 @@ QUERY_NAMES = {
     "accuracy.antialias": "antialias",
     "accuracy.source": "source",
     "accuracy.smooth": "smooth",
+    "accuracy.max_error_px": "max_error",
+    "max_error_px": "max_error",
     "project.width": "width",
     "project.height": "height",
 }
@@ -58,6 +60,7 @@ class CameraQuery(BaseModel):
     height_units: float | None = Field(None, description="model units the image is high; orthographic only", examples=[2.0])
     width: int = Field(512, description="pixels, 1 to 8192", examples=[512])
     height: int = Field(512, description="pixels, 1 to 8192", examples=[512])
+    max_error: float | None = Field(None, description=MAX_ERROR, examples=[0.5])
 
     def camera(self) -> dict[str, Any]:
         """The camera as the request body has it. Raises InvalidRequestError where both forms are mixed."""
@@ -93,6 +96,7 @@ class SilhouetteQuery(CameraQuery):
             contours=self.contours,
             positions=self.positions,
             smooth=self.smooth,
+            max_error_px=self.max_error,
         )
 
 
@@ -124,7 +128,7 @@ class RenderQuery(CameraQuery):
                 "light": None if self.light is None else vector(self.light, "light"),
                 "ambient": self.ambient,
             },
-            accuracy={"antialias": self.antialias, "source": self.source, "smooth": self.smooth},
+            accuracy={"antialias": self.antialias, "source": self.source, "smooth": self.smooth, "max_error_px": self.max_error},
             format=image_format,
         )
 

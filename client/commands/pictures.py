@@ -10,7 +10,7 @@ import typer
 from client.api import DEFAULT_URL
 from client.commands.choosing import MeshArgument, Url, chosen
 from client.commands.console import write
-from client.commands.viewing import Azimuth, Elevation, Eye, Fov, Size, Smooth, Target, by_suffix, camera_of, sides_of
+from client.commands.viewing import Azimuth, Elevation, Eye, Fov, MaxError, Size, Smooth, Target, by_suffix, camera_of, sides_of
 from schemas.render import Antialias, ImageFormat, ShadingMode, Source
 
 IMAGE_SUFFIXES = {
@@ -40,6 +40,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     ] = Antialias.COVERAGE,
     source: Annotated[Source, typer.Option(help="Draw the clipped hull or the original mesh.")] = Source.AUTO,
     smooth: Smooth = False,
+    max_error: MaxError = None,
     url: Url = DEFAULT_URL,
 ) -> None:
     """Render a picture of a mesh.
@@ -55,7 +56,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         "height": height,
         "background": background,
         "shading": {"mode": shading},
-        "accuracy": {"antialias": antialias, "source": source, "smooth": smooth},
+        "accuracy": {"antialias": antialias, "source": source, "smooth": smooth, "max_error_px": max_error},
         "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
     }
     with chosen(url, mesh) as (client, mesh_id):
@@ -73,6 +74,7 @@ def silhouette(  # noqa: PLR0913 - as above
     size: Size = "512",
     *,
     smooth: Smooth = False,
+    max_error: MaxError = None,
     url: Url = DEFAULT_URL,
 ) -> None:
     """Write the silhouette of a mesh as a drawing (SVG) or as edges and closed contours (JSON).
@@ -84,7 +86,7 @@ def silhouette(  # noqa: PLR0913 - as above
     width, height = sides_of(size)
     form = by_suffix(output, SILHOUETTE_SUFFIXES, "json")
     image = {"width": width, "height": height}
-    fields = {"camera": camera_of(azimuth, elevation, eye, target, 45.0), "project": image, "smooth": smooth}
+    fields = {"camera": camera_of(azimuth, elevation, eye, target, 45.0), "project": image, "smooth": smooth, "max_error_px": max_error}
     with chosen(url, mesh) as (client, mesh_id):
         body = client.silhouette_document(mesh_id, form, **fields)
     write(output, body, f"{len(body) / 1024:.1f} KiB")

@@ -14,6 +14,9 @@ Eye = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Eye in model uni
 Target = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="What the eye looks at; the origin if not given.")]
 Fov = Annotated[float, typer.Option(help="Vertical field of view, degrees.")]
 Smooth = Annotated[bool, typer.Option("--smooth", help="Curve the outline by the surface's normals, for coarse meshes.")]
+MaxError = Annotated[
+    float | None, typer.Option(help="Pixels by which the outline may be off, which makes it faster; exact if not given.", min=0.0)
+]
 Size = Annotated[str, typer.Option(metavar="WxH", help="Pixels, like 800x600, or one number for a square.")]
 
 

@@ -28,6 +28,7 @@ from service.render.passes.stencil import count_windings
 from service.render.passes.surface import draw_surface
 from service.render.plan import Plan, plan_frame
 from service.render.state import BORDER, FrameState, Gpu, Tile, parse_color
+from service.silhouette.levels import LevelInView
 
 Make = Callable[[FrameState], None]
 
@@ -88,7 +89,7 @@ class RenderedImage:
     passes: (name, milliseconds) in order; unless each was waited for, "read" waits for what the drawing passes began. plan: the
     names of the passes that ran. rung: source/antialias that was drawn.
     error_px: how far the outline may be off the original's, pixels; None where that is not known. area: outside it there is
-    nothing but background.
+    nothing but background. level: what the outline was taken from, None for the original itself.
     """
 
     pixels: U1
@@ -97,6 +98,7 @@ class RenderedImage:
     rung: str
     error_px: float | None
     area: Tile
+    level: LevelInView | None = None
 
 
 def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, wait_each: bool = False) -> RenderedImage:
@@ -112,8 +114,11 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
     """The same for a camera that has been resolved already; that of the request is not looked at."""
     plan = plan_frame(request, asset, view.eye)
     background = None if request.background == "transparent" else parse_color(request.background)
-    frame = FrameState(gpu, asset, request, plan, view, background)
+    level = plan.level_for(view, asset, request.accuracy.max_error_px)
+    frame = FrameState(gpu, asset, request, plan, view, background, level)
     frame.area = visible_area(asset, plan, view)
+    if frame.area.width:
+        frame.grow_area()
     steps = [step for step in FRAME if step.name in plan.passes]
     times = Timed(gpu, wait_each)
     for step in steps:
@@ -126,7 +131,8 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
                 times.run(step.name, step.make, frame, draws=step.draws and not plan.on_cpu)
     if not plan.on_cpu:
         gpu.gl.check()
-    return RenderedImage(frame.image, tuple(times.ms.items()), tuple(times.ms), plan.rung, plan.error_px, frame.area)
+    error_px = plan.error_px if plan.error_px is None or level is None else plan.error_px + level.error_px
+    return RenderedImage(frame.image, tuple(times.ms.items()), tuple(times.ms), plan.rung, error_px, frame.area, level)
 
 
 def tiles_of(plan: Plan, area: Tile) -> list[Tile]:

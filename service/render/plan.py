@@ -9,8 +9,10 @@ import numpy as np
 
 from schemas.conventions import F8
 from schemas.errors import CapabilityError, InvalidRequestError
-from schemas.render import Antialias, RenderRequest, ShadingMode, Source
+from schemas.render import Accuracy, Antialias, RenderRequest, ShadingMode, Source
 from service.assets import MeshAsset
+from service.camera import View
+from service.silhouette.levels import LevelInView, choose_level
 
 ALWAYS = frozenset({"background"})
 DRAWN = frozenset({"clear", "read", "composite"})
@@ -80,6 +82,12 @@ class Plan:
         """How far the outline may be off the mesh's, pixels; None for a smooth one, which means to be off."""
         return None if self.smooth else OUTLINE_ERROR_PX[self.antialias]
 
+    def level_for(self, view: View, asset: MeshAsset, max_error_px: float | None) -> LevelInView | None:
+        """The level whose outline may stand for the mesh's; None when it must be the mesh's, or none is clipped to."""
+        if max_error_px is None or self.smooth or self.source is not Source.CLIPPED:
+            return None
+        return choose_level(asset.levels, view, asset.corners, max_error_px - OUTLINE_ERROR_PX[self.antialias])
+
     @property
     def sample_grid(self) -> int:
         """Samples along each side of a pixel."""
@@ -96,7 +104,7 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
     source, antialias = _rung(request, refusal)
     smooth = request.accuracy.smooth
     if smooth:
-        _check_smooth(request.accuracy.antialias, refusal)
+        _check_smooth(request.accuracy, refusal)
     mode = request.shading.mode
     outlined = source is Source.CLIPPED or antialias is Antialias.COVERAGE
     passes = ALWAYS | (SILHOUETTE[antialias] if outlined else frozenset())
@@ -110,9 +118,12 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
     return Plan(source, antialias, mode, passes, closed, smooth)
 
 
-def _check_smooth(antialias: Antialias, refusal: str | None) -> None:
+def _check_smooth(accuracy: Accuracy, refusal: str | None) -> None:
     """A smooth outline is a coverage mask, and that takes the silhouette."""
-    if antialias is not Antialias.COVERAGE:
+    if accuracy.max_error_px is not None:
+        message = "a smooth outline is meant to leave the mesh's, so no error can be asked of it"
+        raise InvalidRequestError(message, field="accuracy.max_error_px")
+    if accuracy.antialias is not Antialias.COVERAGE:
         raise InvalidRequestError("only coverage has a smooth outline", field="accuracy.smooth")
     if refusal is not None:
         raise CapabilityError(refusal, field="accuracy.smooth")

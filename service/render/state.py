@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import moderngl
 import numpy as np
 
-from schemas.conventions import F8, I4, U1, Array
+from schemas.conventions import F4, F8, I4, U1, Array
 from schemas.render import RenderRequest
 from service.assets import MeshAsset
 from service.camera import View
@@ -22,6 +22,8 @@ from service.render.programs import Programs
 from service.render.targets import Target, Targets
 from service.scratch import Scratch
 from service.silhouette.contours import Contours
+from service.silhouette.extract import SilhouetteTree
+from service.silhouette.levels import LevelInView
 from service.silhouette.smooth import SmoothContours
 
 LINEAR_TABLE = linear_table()
@@ -154,7 +156,8 @@ class Tile:
 @dataclass
 class FrameState:
     """One frame under way. background: sRGB bytes, None when transparent. area: the part of the image that can have anything
-    of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn.
+    of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn. level: what the outline
+    is taken from, None for the mesh itself.
     """
 
     gpu: Gpu
@@ -163,6 +166,7 @@ class FrameState:
     plan: Plan
     view: View
     background: Color | None
+    level: LevelInView | None = None
     image: U1 = field(default_factory=lambda: np.empty((0, 0, 4), np.uint8))
     edges: I4 = field(default_factory=lambda: np.empty((0, 2), np.int32))
     contours: Contours | None = None
@@ -175,6 +179,28 @@ class FrameState:
     target: Target | None = None
     hull: HullView | None = None
     drawn: U1 | None = None
+
+    @property
+    def outlined(self) -> tuple[F4, SilhouetteTree | None]:
+        """(positions (v, 3) f4, search tree) of the surface whose silhouette is the outline."""
+        if self.level is not None:
+            return self.level.level.positions, self.level.level.tree
+        return self.asset.positions, self.asset.tree
+
+    @property
+    def beyond_px(self) -> float:
+        """Pixels by which the outline may leave the surface that is drawn, both of which hold the mesh: that of a level or a curve."""
+        reach = 0.0 if self.level is None else self.level.error_px
+        if self.smooth is not None:
+            reach = self.smooth.reach_px
+        return min(reach, float(self.view.width + self.view.height))
+
+    def grow_area(self) -> None:
+        """Add to the area what the outline may have beyond the surface."""
+        area, view, by = self.area, self.view, math.ceil(self.beyond_px)
+        x0, y0 = max(area.x - by, 0), max(area.y - by, 0)
+        x1, y1 = min(area.x + area.width + by, view.width), min(area.y + area.height + by, view.height)
+        self.area = Tile(x0, y0, x1 - x0, y1 - y0)
 
     @property
     def scale(self) -> int:

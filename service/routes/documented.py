@@ -46,7 +46,7 @@ def silhouette_answer(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]
     """OpenAPI answer of a route that gives a silhouette."""
     binary = {"schema": {"type": "string", "format": "binary"}}
     content = {"application/json": {"schema": model.model_json_schema()}, "image/svg+xml": {}, RAW_FORMAT: binary}
-    headers = {name: IMAGE_HEADERS[name] for name in ("Server-Timing", "ETag")}
+    headers = {name: IMAGE_HEADERS[name] for name in ("Server-Timing", "X-Accuracy", "ETag")}
     return {
         200: {"description": "The silhouette", "content": content, "headers": headers},
         304: {"description": "The client has it already"},

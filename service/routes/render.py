@@ -14,6 +14,7 @@ from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format
 from service.render.encode import encode
 from service.render.renderer import RenderedImage
 from service.routes.documented import image_answer, problems
+from service.silhouette.levels import rounded_up
 from service.state import Parts, Services
 from service.view_query import RenderQuery, query_names
 from service.waiting import Stopwatch, wait_for
@@ -83,6 +84,14 @@ def _told(image: RenderedImage, encode_ms: float) -> dict[str, str]:
     return {
         "Server-Timing": ", ".join(f"{name};dur={ms:.3f}" for name, ms in passes),
         "X-Plan": ", ".join(image.plan),
-        "X-Accuracy": f"rung={image.rung}" + ("" if image.error_px is None else f"; error_px={image.error_px:g}"),
+        "X-Accuracy": f"rung={image.rung}{_error(image)}",
         "X-Image-Size": f"{width}x{height}",
     }
+
+
+def _error(image: RenderedImage) -> str:
+    """How far the outline may be off, where that is known, and what it was taken from instead of the mesh; rounded up."""
+    error = "" if image.error_px is None else f"; error_px={rounded_up(image.error_px)}"
+    if image.level is None:
+        return error
+    return f"{error}; level_faces={len(image.level.level.faces)}; level_error_px={rounded_up(image.level.error_px)}"

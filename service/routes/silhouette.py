@@ -15,6 +15,7 @@ from service.negotiation import choose
 from service.routes.documented import problems, silhouette_answer
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_json, silhouette_svg
+from service.silhouette.levels import rounded_up
 from service.state import Parts, Services
 from service.view_query import SilhouetteQuery, query_names
 from service.waiting import Stopwatch, wait_for
@@ -55,17 +56,20 @@ async def _document(mesh_id: str, wanted: SilhouetteRequest, media: str, request
     tag = entity_tag(mesh_id, media, wanted.model_dump_json())
     if answer := not_modified(request, tag, REVALIDATE):
         return answer
-    body, passes = await wait_for(request, parts.cpu.submit(_make, parts, manifest, wanted, media), parts.settings.render_timeout_s)
+    work = parts.cpu.submit(_make, parts, manifest, wanted, media)
+    body, passes, accuracy = await wait_for(request, work, parts.settings.render_timeout_s)
     timing = ", ".join(f"{name};dur={ms:.3f}" for name, ms in passes)
-    headers = {"ETag": tag, "Cache-Control": REVALIDATE, "Vary": "Accept", "Server-Timing": timing}
+    headers = {"X-Accuracy": accuracy, "ETag": tag, "Cache-Control": REVALIDATE, "Vary": "Accept", "Server-Timing": timing}
     return Response(body, headers=headers, media_type=media)
 
 
-def _make(parts: Services, manifest: Manifest, wanted: SilhouetteRequest, media: str) -> tuple[bytes, list[tuple[str, float]]]:
-    """The document, and what each step took; no GL."""
+def _make(parts: Services, manifest: Manifest, wanted: SilhouetteRequest, media: str) -> tuple[bytes, list[tuple[str, float]], str]:
+    """The document, what each step took, and how exact it is; no GL."""
     asset = parts.assets.get(manifest)
     clock = Stopwatch()
     described = describe_silhouette(asset, wanted)
     extract_ms = clock.ms()
     body = WRITERS[media](described)
-    return body, [("extract", extract_ms), ("write", clock.ms() - extract_ms)]
+    level = described.level
+    accuracy = f"surface_faces={described.faces}; error_px={'0' if level is None else rounded_up(level.error_px)}"
+    return body, [("extract", extract_ms), ("write", clock.ms() - extract_ms)], accuracy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from service.camera import View, resolve_camera
 from service.kernels.contours import compact
 from service.silhouette.contours import Contours, link_contours
 from service.silhouette.extract import SilhouetteTree
+from service.silhouette.levels import LevelInView, SilhouetteLevel, choose_level
 from service.silhouette.outline import Outline, outline_of
 from service.silhouette.project import pixel_matrix, project_edges, surrounding_layers
 from service.silhouette.smooth import SmoothSurface, smooth_outline
@@ -48,6 +50,14 @@ class Source(Protocol):
         """Its search tree."""
 
     @property
+    def levels(self) -> Sequence[SilhouetteLevel]:
+        """Hulls that may stand for it."""
+
+    @property
+    def corners(self) -> F8:
+        """(8, 3) f8 of its bounding box."""
+
+    @property
     def smooth_surface(self) -> SmoothSurface:
         """The surface of a closed mesh's normals."""
 
@@ -63,7 +73,8 @@ class Description:
     eye: (4,) f8 homogeneous, model units. edges: (s, 2) i4 directed. vertices: (k,) i4, those the edges use, each once.
     contours: closed loops of vertices, None when not asked for. positions: (k, 3) f8 of `vertices`, model units, or None.
     pixels: (k, 2) f8, y down, NaN behind the eye; outline: the contours in the image, curved when that was asked for; view: the
-    camera; all None without an image. curves: the outline as curves, when they were asked for.
+    camera; all None without an image. faces: of the surface that all this is of; level: that one, None for the mesh. curves: the
+    outline as curves, when they were asked for.
     """
 
     eye: F8
@@ -74,6 +85,8 @@ class Description:
     pixels: F8 | None
     outline: Outline | None
     view: View | None
+    faces: int
+    level: LevelInView | None = None
     curves: list[F8] | None = None
 
 
@@ -81,22 +94,23 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
     """The silhouette that `request` asks for, with all edges, hidden ones too.
 
     Raises CapabilityError when the mesh is not closed, InvalidRequestError for a camera whose numbers cannot be used, and for
-    curves without an image to lie in.
+    curves and errors in pixels without an image to lie in.
     """
-    if request.smooth and request.project is None:
-        raise InvalidRequestError("smooth contours are curves of an image: project must say its size", field="smooth")
+    _check(request)
     image = request.project or UNSEEN
     view = resolve_camera(request.camera, source.frame, image.width, image.height)
-    edges = _edges(source, view.eye)
+    level = None if request.max_error_px is None else choose_level(source.levels, view, source.corners, request.max_error_px)
+    edges = _edges(source, view.eye) if level is None else level.level.tree.extract(view.eye).edges
     local, vertices = compact(edges)
-    used = np.asarray(source.positions)[vertices]
+    used = np.asarray(source.positions if level is None else level.level.positions)[vertices]
     loops = link_contours(local) if request.contours else None
     homogeneous = _homogeneous(view, used) if request.project else None
     outline = None
     if request.smooth:
         outline = _smooth(source, view)
     elif homogeneous is not None and loops is not None:
-        segments = project_edges(view, np.asarray(source.positions), edges) if _is_near(view) else None
+        # an eye that a level is chosen for is outside of it
+        segments = project_edges(view, np.asarray(source.positions), edges) if level is None and _is_near(view) else None
         outline = outline_of(view, homogeneous[loops.vertices], loops.offsets, _base(source, view, segments))
     return Description(
         eye=_model_eye(view.eye, source.frame),
@@ -107,8 +121,19 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
         pixels=None if homogeneous is None else _divided(homogeneous),
         outline=outline,
         view=view if request.project else None,
+        faces=len(source.faces if level is None else level.level.faces),
+        level=level,
         curves=outline.curves() if request.smooth and outline is not None else None,
     )
+
+
+def _check(request: SilhouetteRequest) -> None:
+    if request.smooth and request.project is None:
+        raise InvalidRequestError("smooth contours are curves of an image: project must say its size", field="smooth")
+    if request.max_error_px is not None and request.project is None:
+        raise InvalidRequestError("an error in pixels is one in an image: project must say its size", field="max_error_px")
+    if request.max_error_px is not None and request.smooth:
+        raise InvalidRequestError("a smooth outline is meant to leave the mesh's, so no error can be asked of it", field="max_error_px")
 
 
 def _edges(source: Source, eye: F8) -> I4:

@@ -40,6 +40,7 @@ def silhouette_json(described: Description) -> bytes:
         answer["contours"] = [loops.vertices[a:b] for a, b in pairwise(loops.offsets)]
     if described.curves is not None:
         answer["curves"] = [np.round(curve, PIXEL_DIGITS) for curve in described.curves]
+    answer["surface"] = surface_of(described)
     vertices: dict[str, Any] = {}
     if described.positions is not None:
         vertices["position"] = described.positions
@@ -56,7 +57,7 @@ def silhouette_binary(described: Description) -> bytes:
     i is contours[offsets[i]:offsets[i + 1]]; offsets: (c + 1,) i4. positions: (k, 3) f8 of `vertices`, model units. pixels:
     (k, 2) f8 of `vertices`, y down, NaN behind the eye. curves: (n, 2) f8 pixels, closed cubic Bezier curves, each as node, two control
     points, node, ..., two control points; curve i is curves[curve_offsets[i]:curve_offsets[i + 1]], curve_offsets: (d + 1,) i4.
-    The metadata's `eye` is four numbers as JSON text.
+    The metadata's `eye` is four numbers as JSON text, its `surface` a `schemas.render.Surface`.
     """
     tensors: dict[str, Any] = {"edges": described.edges, "vertices": described.vertices}
     if described.contours is not None:
@@ -70,7 +71,14 @@ def silhouette_binary(described: Description) -> bytes:
         tensors["curves"] = np.concatenate([np.empty((0, 2)), *described.curves])
         tensors["curve_offsets"] = np.cumsum([0, *sizes], dtype=np.int32)
     eye = orjson.dumps(described.eye, option=orjson.OPT_SERIALIZE_NUMPY).decode()
-    return bytes(save({name: np.ascontiguousarray(array) for name, array in tensors.items()}, {"eye": eye}))
+    metadata = {"eye": eye, "surface": orjson.dumps(surface_of(described)).decode()}
+    return bytes(save({name: np.ascontiguousarray(array) for name, array in tensors.items()}, metadata))
+
+
+def surface_of(described: Description) -> dict[str, Any]:
+    """`schemas.render.Surface`: what the silhouette is of."""
+    level = described.level
+    return {"level": level is not None, "faces": described.faces, "error_px": 0.0 if level is None else level.error_px}
 
 
 def silhouette_svg(described: Description) -> bytes:

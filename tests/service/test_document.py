@@ -76,7 +76,7 @@ def test_contours_of_the_json_run_along_its_edges():
 def test_what_is_not_asked_for_is_left_out():
     bare = describe_silhouette(BUMPY, SilhouetteRequest(contours=False, positions=False))
     answer = json.loads(silhouette_json(bare))
-    assert sorted(answer) == ["edge_count", "edges", "eye", "vertices"]
+    assert sorted(answer) == ["edge_count", "edges", "eye", "surface", "vertices"]
     assert answer["vertices"] == {}
     assert sorted(load(silhouette_binary(bare))) == ["edges", "vertices"]
 

@@ -105,3 +105,42 @@ def test_wrong_request_is_422_and_names_the_field(http, knot, body, field):
     answer = http.post(f"/v1/meshes/{knot.id}/silhouette", json=body)
     assert answer.status_code == 422
     assert [item["field"] for item in answer.json()["errors"]] == [field]
+
+
+def accuracy(answer):
+    return dict(item.split("=") for item in answer.headers["x-accuracy"].split("; "))
+
+
+def test_an_error_in_pixels_lets_a_coarser_surface_stand_for_the_mesh(http, knot):
+    path = f"/v1/meshes/{knot.id}/silhouette"
+    body = {"camera": EYE, "project": {"width": 200, "height": 100}}
+    exact = http.post(path, json=body)
+    coarse = http.post(path, json={**body, "max_error_px": 20.0})
+    assert exact.json()["surface"] == {"level": False, "faces": 5120, "error_px": 0.0}
+    surface = coarse.json()["surface"]
+    assert surface["level"] and 0.0 < surface["error_px"] <= 20.0
+    assert surface["faces"] in {level.faces for level in knot.hull.levels if level.side == "outer"}
+    assert coarse.json()["edge_count"] < exact.json()["edge_count"]
+    assert accuracy(exact) == {"surface_faces": "5120", "error_px": "0"}
+    assert int(accuracy(coarse)["surface_faces"]) == surface["faces"]
+    assert surface["error_px"] <= float(accuracy(coarse)["error_px"]) <= surface["error_px"] * 1.0001
+    assert exact.headers["etag"] != coarse.headers["etag"]
+
+
+def test_an_error_by_query_and_by_body_are_the_same(http, knot):
+    query = http.get(f"/v1/meshes/{knot.id}/silhouette.json?width=200&height=100&max_error=20")
+    body = http.post(f"/v1/meshes/{knot.id}/silhouette", json={"project": {"width": 200, "height": 100}, "max_error_px": 20.0})
+    assert query.content == body.content
+    assert query.json()["surface"]["level"]
+
+
+@pytest.mark.parametrize("wrong", ["0", "-1", "nan", "inf", "much"])
+def test_an_error_that_is_none_is_named(http, knot, wrong):
+    for path in ("silhouette.json", "render.png"):
+        answer = http.get(f"/v1/meshes/{knot.id}/{path}?max_error={wrong}")
+        assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "max_error")
+
+
+def test_an_error_without_an_image_is_named(http, knot):
+    answer = http.post(f"/v1/meshes/{knot.id}/silhouette", json={"max_error_px": 1.0})
+    assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "max_error_px")

@@ -1,4 +1,4 @@
-"""The silhouette's edges, from the search tree."""
+"""The silhouette's edges, from the search tree of the mesh, or of a level that stands for it."""
 
 from __future__ import annotations
 
@@ -7,5 +7,6 @@ from service.render.state import FrameState
 
 def find_edges(frame: FrameState) -> None:
     """Extract `frame.edges` (s, 2) i4, directed, front-facing side on the left."""
-    if frame.asset.tree is not None:
-        frame.edges = frame.asset.tree.extract(frame.view.eye).edges
+    _, tree = frame.outlined
+    if tree is not None:
+        frame.edges = tree.extract(frame.view.eye).edges

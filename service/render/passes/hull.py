@@ -34,11 +34,6 @@ def draw_hull(frame: FrameState) -> None:
     frame.hull = HullView(surface, points, planes, front, words)
 
 
-def beyond_px(frame: FrameState) -> float:
-    """Pixels by which the outline may leave the surface that is drawn: only a smooth one does."""
-    return 0.0 if frame.smooth is None else min(frame.smooth.reach_px, float(frame.view.width + frame.view.height))
-
-
 def draw_hull_rim(frame: FrameState) -> None:
     """Give pixels beside the hull a place on its nearest silhouette edge."""
     view, t = frame.hull, frame.tile
@@ -46,7 +41,7 @@ def draw_hull_rim(frame: FrameState) -> None:
         return
     s = view.surface
     hull_rim.draw_rim(
-        view.points, s.faces, s.uv, s.edge_vertices, s.edge_faces, view.front, hull_rim.LEAST_HALF_WIDTH + beyond_px(frame),
+        view.points, s.faces, s.uv, s.edge_vertices, s.edge_faces, view.front, hull_rim.LEAST_HALF_WIDTH + frame.beyond_px,
         t.x, t.y, t.x + t.width, t.y + t.height, view.words, view.planes,
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ from geometry.predicates import front_facing
 from schemas.conventions import Array
 from schemas.render import Antialias, Source
 from service.render.gpu_cache import Surface, attributes, corner_rows, edge_corners, fields_of
-from service.render.passes.hull import beyond_px, draw_hull_rim
+from service.render.passes.hull import draw_hull_rim
 from service.render.passes.surface import shaded_program, surface_of
 from service.render.state import FrameState
 
@@ -32,7 +32,7 @@ def draw_rim(frame: FrameState) -> None:
     if not len(ends):
         return
     program = shaded_program(frame, surface, "rim")
-    gpu.programs.set(program, pixel=frame.pixel(), half_width=HALF_WIDTH + beyond_px(frame))
+    gpu.programs.set(program, pixel=frame.pixel(), half_width=HALF_WIDTH + frame.beyond_px)
     frame.use_target(color=True, alpha=frame.plan.antialias is not Antialias.LINE, depth=True)
     gpu.gl.ignore_windings()
     gpu.ctx.enable_only(moderngl.DEPTH_TEST)
