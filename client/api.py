@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,15 +123,16 @@ class Client:
 
     def picture(self, mesh_id: str, **fields: Any) -> Picture:
         """A picture with its timings, plan and accuracy."""
-        answer = self._send("POST", f"/v1/meshes/{mesh_id}/render", json=_body({"format": ImageFormat.PNG, **fields}))
-        headers = answer.headers
-        return Picture(
-            answer.content,
-            headers.get("Content-Type", ""),
-            _passes(headers.get("Server-Timing", "")),
-            headers.get("X-Plan", ""),
-            headers.get("X-Accuracy", ""),
-        )
+        return _picture(self._send("POST", f"/v1/meshes/{mesh_id}/render", json=_body({"format": ImageFormat.PNG, **fields})))
+
+    def render_scene(self, objects: Sequence[Any], **fields: Any) -> bytes:
+        """An encoded picture of several meshes: `objects` as `schemas.scene.SceneObject`, `fields` the rest of SceneRequest."""
+        return self.scene_picture(objects, **fields).body
+
+    def scene_picture(self, objects: Sequence[Any], **fields: Any) -> Picture:
+        """A picture of several meshes with its timings, plan and accuracy."""
+        body = _body({"format": ImageFormat.PNG, "objects": list(objects), **fields})
+        return _picture(self._send("POST", "/v1/scenes/render", json=body))
 
     def thumbnail(self, mesh_id: str, size: int = 256, suffix: str = "png") -> bytes:
         """A fitted three-quarter view; suffix png, webp or jpg."""
@@ -203,6 +204,17 @@ def _chunks(path: Path, size: int, on_progress: UploadProgress | None) -> Iterat
             sent += len(chunk)
             if on_progress:
                 on_progress(sent, size)
+
+
+def _picture(answer: httpx.Response) -> Picture:
+    headers = answer.headers
+    return Picture(
+        answer.content,
+        headers.get("Content-Type", ""),
+        _passes(headers.get("Server-Timing", "")),
+        headers.get("X-Plan", ""),
+        headers.get("X-Accuracy", ""),
+    )
 
 
 def _passes(header: str) -> tuple[tuple[str, float], ...]:

@@ -12,6 +12,7 @@ from client.commands.console import err, escaped
 from client.commands.meshes import delete, hull, info, list_meshes, upload
 from client.commands.pictures import render, silhouette
 from client.commands.running import demo, serve, worker
+from client.commands.scenes import scene
 from client.errors import RequestError, ServiceError
 from client.local import LocalServiceError
 
@@ -30,6 +31,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "upload": upload,
     "render": render,
+    "scene": scene,
     "silhouette": silhouette,
     "hull": hull,
     "list": list_meshes,

@@ -20,9 +20,20 @@ Quaternion = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Row = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4, description="4 rows of 4, for column vectors: [[.., .., .., tx], ...]")]
 
-ROTATION_FORMS = ("rotation by quaternion", "rotation by axis")
-TRANSFORM_FORMS = ("transform by matrix", "transform by parts")
+TRANSFORM_FORMS = (
+    "transform by matrix",
+    "transform by parts",
+    "rotation by quaternion",
+    "rotation by axis",
+    "one scale",
+    "scale by axis",
+)
 """Names of the forms inside error locations; faults are reported for the form that was meant."""
+
+
+def _form(listed: str, other: str) -> Discriminator:
+    """Tells a list from what else a field may be."""
+    return Discriminator(lambda value: listed if isinstance(value, (list, tuple)) else other)
 
 
 class _Request(BaseModel):
@@ -46,13 +57,11 @@ class AxisAngle(_Request):
         return self
 
 
-def _rotation_form(value: object) -> str:
-    return ROTATION_FORMS[0] if isinstance(value, (list, tuple)) else ROTATION_FORMS[1]
-
-
 Rotation = Annotated[
-    Annotated[Quaternion, Tag(ROTATION_FORMS[0])] | Annotated[AxisAngle, Tag(ROTATION_FORMS[1])], Discriminator(_rotation_form)
+    Annotated[Quaternion, Tag("rotation by quaternion")] | Annotated[AxisAngle, Tag("rotation by axis")],
+    _form("rotation by quaternion", "rotation by axis"),
 ]
+Scale = Annotated[Annotated[FiniteFloat, Tag("one scale")] | Annotated[Vector, Tag("scale by axis")], _form("scale by axis", "one scale")]
 
 
 class Parts(_Request):
@@ -60,15 +69,12 @@ class Parts(_Request):
 
     translate: Vector = Field([0.0, 0.0, 0.0], description="scene units")
     rotate: Rotation = Field([0.0, 0.0, 0.0, 1.0], description="unit quaternion [x, y, z, w] (any length but zero), or {axis, angle_deg}")
-    scale: FiniteFloat | Vector = Field(1.0, description="one factor, or one along each axis of the mesh; none of them zero")
-
-
-def _transform_form(value: object) -> str:
-    return TRANSFORM_FORMS[0] if isinstance(value, (list, tuple)) else TRANSFORM_FORMS[1]
+    scale: Scale = Field(1.0, description="one factor, or one along each axis of the mesh; none of them zero")
 
 
 Transform = Annotated[
-    Annotated[Matrix, Tag(TRANSFORM_FORMS[0])] | Annotated[Parts, Tag(TRANSFORM_FORMS[1])], Discriminator(_transform_form)
+    Annotated[Matrix, Tag("transform by matrix")] | Annotated[Parts, Tag("transform by parts")],
+    _form("transform by matrix", "transform by parts"),
 ]
 
 
@@ -137,16 +143,12 @@ def _fault(transform: Any) -> str | None:
     """What is wrong with a transform, for people; None when it can be used."""
     if isinstance(transform, Parts) and not isinstance(transform.rotate, AxisAngle) and not any(transform.rotate):
         return "the quaternion is zero"
-    with np.errstate(over="ignore", invalid="ignore"):
-        matrix = matrix_of(transform)
+    matrix = matrix_of(transform)
     if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
         return "the last row must be 0, 0, 0, 1: the transform must be affine"
-    linear = matrix[:3, :3]
-    largest = float(np.abs(linear).max())
-    if not (np.isfinite(matrix).all() and 0.0 < largest < np.inf):
-        return "the transform flattens the mesh, or its numbers overflow"
-    axes = np.linalg.svd(linear / largest, compute_uv=False)
-    if axes[2] * MOST_STRETCH < axes[0]:
+    largest = float(np.abs(matrix[:3, :3]).max())
+    axes = np.linalg.svd(matrix[:3, :3] / (largest or 1.0), compute_uv=False)
+    if not axes[2] * MOST_STRETCH >= axes[0] > 0.0:
         return "the transform flattens the mesh: it must be invertible"
     return None
 

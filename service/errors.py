@@ -17,6 +17,7 @@ from backend.problems import STATUS
 from schemas import errors as tree
 from schemas.mesh import Problem
 from schemas.render import CAMERA_FORMS
+from schemas.scene import TRANSFORM_FORMS
 
 log = logging.getLogger("silhouette.service")
 
@@ -37,6 +38,9 @@ MESSAGES = {
     "model_attributes_type": "should be a JSON object",
 }
 """By pydantic's type of fault, where its own words are about Python."""
+
+FORMS = frozenset({*CAMERA_FORMS, *TRANSFORM_FORMS})
+"""What pydantic puts into the place of a fault for the form of a field that was meant."""
 
 PRIVATE = frozenset({*Problem.model_fields, "key", "path"})
 """What never goes from an error's `where` into an answer: RFC 9457's own members, and where things lie in the store."""
@@ -69,7 +73,8 @@ def status_of(error: tree.SilhouetteError) -> tuple[int, str]:
 def problem_of(error: tree.SilhouetteError) -> Problem:
     """The problem details a caller sees for an error of the tree."""
     if isinstance(error, FailedMeshError):
-        return error.problem.model_copy(update={"status": 422})
+        at = {"field": error.where["field"]} if "field" in error.where else {}
+        return error.problem.model_copy(update={"status": 422, "detail": error.message, **at})
     if isinstance(error, InvalidFieldsError):
         return validation_problem(error.fields)
     status, title = status_of(error)
@@ -77,6 +82,12 @@ def problem_of(error: tree.SilhouetteError) -> Problem:
     if isinstance(error, tree.InvalidRequestError) and "field" in error.where:
         extra["errors"] = [{"field": error.where["field"], "message": error.message}]
     return Problem(type=tree.PROBLEM_TYPE + error.code, title=title, status=status, detail=error.message, code=error.code, **extra)
+
+
+def located(error: tree.SilhouetteError, field: str) -> tree.SilhouetteError:
+    """The error, saying which field of the request it came from."""
+    error.message, error.where["field"] = f"{field}: {error.message}", field
+    return error
 
 
 def problem_response(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
@@ -91,7 +102,7 @@ def invalid_fields(faults: Iterable[Mapping[str, Any]], names: Mapping[str, str]
     for fault in faults:
         field = _field(fault)
         if names is not None:  # a number of a vector is the whole parameter
-            field = names.get(field) or names.get(field.rpartition(".")[0], field)
+            field = names.get(field) or names.get(field.partition("[")[0], field)
         if fault["type"] == "json_invalid":
             found.setdefault("body", "the body is not valid JSON")
         else:
@@ -117,13 +128,13 @@ def validation_problem(fields: list[dict[str, str]]) -> Problem:
 
 
 def _field(fault: Mapping[str, Any]) -> str:
-    """Dotted name of the field a fault is about, without the place it came in by and pydantic's names of union members."""
-    parts = [str(part) for part in fault["loc"] if part not in CAMERA_FORMS]
+    """Name of the field a fault is about, as `objects[2].mesh`, without where it came in and pydantic's names of union members."""
+    parts = [f"[{part}]" if isinstance(part, int) else str(part) for part in fault["loc"] if part not in FORMS]
     if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
         parts = parts[1:]
-    parts = [part for part in parts if all(c.isalnum() or c in "_." for c in part)]
+    parts = [part for part in parts if part.startswith("[") or all(c.isalnum() or c in "_." for c in part)]
     between = (fault.get("ctx") or {}).get("field")
-    return ".".join([*parts, between] if between else parts) or "body"
+    return ".".join([*parts, between] if between else parts).replace(".[", "[") or "body"
 
 
 def _message(fault: Mapping[str, Any], field: str) -> str:

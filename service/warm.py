@@ -38,9 +38,12 @@ from schemas.render import (
     SilhouetteRequest,
     Source,
 )
+from schemas.scene import Parts, SceneObject, SceneRequest
 from service.assets import MeshAsset, load_asset
 from service.hulls import Side, hull_file
 from service.render.renderer import Renderer
+from service.scene.draw import drawing_of
+from service.scene.plan import plan_scene
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_json, silhouette_svg
 from service.waiting import Stopwatch
@@ -84,6 +87,8 @@ def warm(renderer: Renderer) -> None:
             for request in _requests():
                 renderer.submit(asset, request).result()
             _extract_together(asset)
+            for scene in _scenes():
+                renderer.submit_drawing(drawing_of(plan_scene(scene, [asset] * len(scene.objects)))).result()
             for camera in (WHOLE, BESIDE, INSIDE):
                 for smooth in (False, True):
                     described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
@@ -112,6 +117,13 @@ def _requests() -> Iterator[RenderRequest]:
     yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(smooth=True))
     for antialias in (Antialias.COVERAGE, Antialias.LINE):
         yield RenderRequest(camera=BESIDE, width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=Source.CLIPPED, antialias=antialias))
+
+
+def _scenes() -> Iterator[SceneRequest]:
+    """Two that overlap in the picture, two that touch, and two that interlock; one of them stretched and mirrored."""
+    for shift in ([0.2, 0.1, -3.0], [1.0, 0.0, -1.0], [0.5, 0.3, 0.0]):
+        other = SceneObject(mesh=MESH_ID, transform=Parts(translate=shift, scale=[-1.0, 1.0, 0.8]))
+        yield SceneRequest(width=SIDE_PX, height=SIDE_PX, background="#102030", objects=[SceneObject(mesh=MESH_ID), other])
 
 
 def octahedron(store: Store) -> MeshAsset:

@@ -18,10 +18,13 @@ ONE = np.float32(1.0)
 
 
 @njit(cache=True, nogil=True)
-def put_over(layer, image, mixed, light, table):
-    """Lay layer (h, w) u4 over image (h, w) u4; mixed (h, w) u1 says where light (h, w, 4) f4 is meant. table: `linear_table()`."""
-    for i in range(layer.shape[0]):
-        for j in range(layer.shape[1]):
+def put_over(layer, x0, y0, x1, y1, image, mixed, light, table):
+    """Lay layer (h, w) u4, of which columns x0..x1 and rows y0..y1 count, over image (h, w) u4.
+
+    mixed (h, w) u1 says where light (h, w, 4) f4 is meant. table: `linear_table()`.
+    """
+    for i in range(y0, y1):
+        for j in range(x0, x1):
             word = layer[i, j]
             alpha = word >> SHIFT
             if alpha == ZERO:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from anyio import to_thread
@@ -73,13 +74,15 @@ async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts:
     clock = Stopwatch()
     encoding = wanted.format or ImageFormat.PNG
     body = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), limit_s)
-    headers = {"ETag": tag, "Cache-Control": cache_control, "Vary": "Accept", **_told(image, clock.ms())}
+    headers = {"ETag": tag, "Cache-Control": cache_control, "Vary": "Accept", **picture_headers(image, after=[("encode", clock.ms())])}
     return Response(body, headers=headers, media_type=IMAGE_TYPES[encoding])
 
 
-def _told(image: RenderedImage, encode_ms: float) -> dict[str, str]:
-    """What a picture says of itself: where the time went, what ran, how exact it is."""
-    passes = [*image.passes, ("encode", encode_ms)]
+def picture_headers(
+    image: RenderedImage, *, before: Sequence[tuple[str, float]] = (), after: Sequence[tuple[str, float]] = ()
+) -> dict[str, str]:
+    """What a picture says of itself: where the time went, what ran, how exact it is. before, after: (name, ms) of other steps."""
+    passes = [*before, *image.passes, *after]
     height, width = image.pixels.shape[:2]
     return {
         "Server-Timing": ", ".join(f"{name};dur={ms:.3f}" for name, ms in passes),

@@ -7,6 +7,7 @@ import numpy as np
 from service.kernels.layers import put_over, settle
 from service.render.frame import RenderedImage, render_view
 from service.render.group import Member, render_group
+from service.render.renderer import Draw
 from service.render.state import LINEAR_TABLE, Gpu, Tile, as_words, parse_color, word_of
 from service.scene.plan import Layer, ScenePlan
 from service.waiting import Stopwatch
@@ -29,8 +30,7 @@ def draw_scene(gpu: Gpu, plan: ScenePlan, *, wait_each: bool = False) -> Rendere
         picture = _draw(gpu, layer, wait_each)
         clock = Stopwatch()
         a = picture.area
-        at = np.s_[a.y : a.y + a.height, a.x : a.x + a.width]
-        put_over(as_words(picture.pixels)[at], words[at], mixed[at], light[at], LINEAR_TABLE)
+        put_over(as_words(picture.pixels), a.x, a.y, a.x + a.width, a.y + a.height, words, mixed, light, LINEAR_TABLE)
         for name, ms in (*picture.passes, ("over", clock.ms())):
             times[name] = times.get(name, 0.0) + ms
         steps.append(_described(number, layer, picture))
@@ -43,6 +43,11 @@ def draw_scene(gpu: Gpu, plan: ScenePlan, *, wait_each: bool = False) -> Rendere
     error = max((picture.error_px or 0.0 for picture in drawn), default=0.0)
     whole = Tile(0, 0, plan.width, plan.height)
     return RenderedImage(image, tuple(times.items()), tuple(steps), "+".join(rungs) or "empty", error, whole)
+
+
+def drawing_of(plan: ScenePlan) -> Draw:
+    """The drawing of a plan as a job for the renderer."""
+    return lambda gpu, wait_each: draw_scene(gpu, plan, wait_each=wait_each)
 
 
 def _draw(gpu: Gpu, layer: Layer, wait_each: bool) -> RenderedImage:

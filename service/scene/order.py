@@ -8,7 +8,7 @@ picture; bodies are refined (bounding box, clipping hull, the mesh's own convex 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import combinations
@@ -66,22 +66,26 @@ def sort_groups(objects: Sequence[Placed], eye: F8, frame: Frame) -> list[Group]
 
     eye: (4,) f8 homogeneous, in `frame`, a frame of the scene. A group of one is an object that can be drawn on its own. Groups
     are the strongly connected parts of "must be drawn before", with tangled pairs running both ways; so whatever
-    must come between two members is a member itself.
+    must come between two members is a member itself. Pairs that end in a cycle are compared once more, as closely as can be: boxes
+    may overlap in the image where meshes do not.
     """
-    count = len(objects)
+    sights = {(i, j): sight_of(objects[i], objects[j], eye, frame) for i, j in combinations(range(len(objects)), 2)}
+    groups = _grouped(sights, len(objects))
+    doubtful = [pair for group in groups for pair in combinations(group.members, 2) if sights[pair] in (Sight.BEFORE, Sight.BEHIND)]
+    free = [pair for pair in doubtful if _are_free(objects[pair[0]], objects[pair[1]])]
+    return _grouped(sights | dict.fromkeys(free, Sight.FREE), len(objects)) if free else groups
+
+
+def _grouped(sights: Mapping[tuple[int, int], Sight], count: int) -> list[Group]:
     before = np.zeros((count, count), bool)
-    tangled = []
-    for i, j in combinations(range(count), 2):
-        sight = sight_of(objects[i], objects[j], eye, frame)
+    for (i, j), sight in sights.items():
         before[i, j] = sight in (Sight.BEHIND, Sight.TANGLED)
         before[j, i] = sight in (Sight.BEFORE, Sight.TANGLED)
-        if sight is Sight.TANGLED:
-            tangled.append((i, j))
     reach = _closure(before)
     groups = []
     for members in _connected(reach):
-        inside = set(members)
-        groups.append(Group(members, tuple(pair for pair in tangled if inside.issuperset(pair))))
+        tangled = tuple(pair for pair in combinations(members, 2) if sights[pair] is Sight.TANGLED)
+        groups.append(Group(members, tangled))
     # what must come before is in strictly more of these counts: sorting by them is a topological order
     return sorted(groups, key=lambda group: (int(reach[:, group.members[0]].sum()), group.members))
 
@@ -112,6 +116,10 @@ def _bodies(placed: Placed) -> Iterator[Array]:
     yield asset.extreme_points
 
 
+def _are_free(a: Placed, b: Placed) -> bool:
+    return _disjoint_on_screen(a.view, a.asset.extreme_points, b.view, b.asset.extreme_points)
+
+
 def _disjoint_on_screen(view_a: View, a: Array, view_b: View, b: Array) -> bool:
     """Whether a line of the image separates the two; unknown, and so False, when one of them reaches to the eye plane."""
     clip_a, clip_b = project(view_a, a), project(view_b, b)
@@ -135,8 +143,8 @@ def _eye_in(eye: F8, source: Frame, target: Frame) -> F8:
 
 
 def _closure(before: Bools) -> Bools:
-    """What is before what by any number of steps (Warshall)."""
-    reach = before.copy()
+    """What is before what by any number of steps, none included (Warshall)."""
+    reach = before | np.eye(len(before), dtype=bool)
     for k in range(len(reach)):
         reach |= reach[:, k, None] & reach[None, k]
     return reach
@@ -144,7 +152,7 @@ def _closure(before: Bools) -> Bools:
 
 def _connected(reach: Bools) -> Iterator[tuple[int, ...]]:
     """The classes of objects that must each come before the other, ascending."""
-    mutual = reach & reach.T | np.eye(len(reach), dtype=bool)
+    mutual = reach & reach.T
     for i in range(len(reach)):
         members = np.flatnonzero(mutual[i])
         if members[0] == i:

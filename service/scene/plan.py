@@ -71,7 +71,11 @@ def plan_scene(request: SceneRequest, assets: Sequence[MeshAsset]) -> ScenePlan:
     camera = resolve_camera(request.camera, around, *size)
     seen, outside = [], []
     for i, (asset, placement) in enumerate(zip(assets, standing, strict=True)):
-        view = own_view(asset, placement, request.camera, size, around)
+        try:
+            view = own_view(asset, placement, request.camera, size, around)
+        except InvalidRequestError as error:  # the camera is right for the scene: it is the object that is far too small in it
+            field = f"objects[{i}].transform"
+            raise InvalidRequestError(f"{field} is too extreme for this scene", field=field) from error
         if _is_outside(asset, view):
             outside.append(i)
         else:

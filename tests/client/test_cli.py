@@ -111,3 +111,35 @@ def test_unusable_file_is_one_line(service, tmp_path):
     assert run.returncode == 1
     assert run.stdout == b""
     assert run.stderr.decode().strip().splitlines()[-1].startswith("error ")
+
+
+def test_scene_of_ids_and_files_beside_it(service, knot, knot_file, tmp_path):
+    (tmp_path / "copy.ply").write_bytes(knot_file.read_bytes())
+    scene = {"width": 90, "objects": [{"mesh": knot.id[:10]}, {"mesh": "copy.ply", "transform": {"translate": [0, 0, -20]}}]}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    run = silhouette("scene", tmp_path / "scene.json", "-o", tmp_path / "s.png", url=service.url)
+    assert run.returncode == 0, run.stderr
+    assert b"layer[1]" in run.stderr
+    with Image.open(tmp_path / "s.png") as image:
+        assert image.size == (90, 512)
+    piped = silhouette(
+        "scene", "-", "-o", "-", "--size", "40x30", url=service.url, input=json.dumps({"objects": [{"mesh": knot.id}]}).encode()
+    )
+    assert piped.stdout[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("{", b"not valid JSON"),
+        ("[]", b"holds no scene"),
+        ('{"objects": [3]}', b"objects[0]"),
+        ('{"objects": [{"mesh": "zz"}]}', b"neither a file"),
+    ],
+)
+def test_a_file_that_is_no_scene_is_one_line(service, tmp_path, text, word):
+    (tmp_path / "scene.json").write_text(text)
+    run = silhouette("scene", tmp_path / "scene.json", "-o", tmp_path / "s.png", url=service.url)
+    assert run.returncode == 1
+    assert word in run.stderr
+    assert b"Traceback" not in run.stderr

@@ -25,7 +25,8 @@ def over(image, *layers):
     out = image.copy()
     mixed, light = np.zeros(out.shape[:2], np.uint8), np.empty(out.shape, np.float32)
     for layer in layers:
-        put_over(layer.view("<u4")[:, :, 0], out.view("<u4")[:, :, 0], mixed, light, TABLE)
+        height, width = layer.shape[:2]
+        put_over(layer.view("<u4")[:, :, 0], 0, 0, width, height, out.view("<u4")[:, :, 0], mixed, light, TABLE)
     settle(out.view("<u4")[:, :, 0], mixed, light)
     return out
 
@@ -76,3 +77,14 @@ def test_an_opaque_layer_hides_what_was_mixed_below():
     below, top = layers(1, 11)[0], layers(1, 12)[0]
     top[..., 3] = 255
     assert np.array_equal(over(np.zeros_like(below), below, top), top)
+
+
+def test_only_the_rectangle_of_a_layer_counts():
+    layer = layers(1, 4)[0]
+    layer[..., 3] = 255
+    out = np.zeros_like(layer)
+    mixed, light = np.zeros(out.shape[:2], np.uint8), np.empty(out.shape, np.float32)
+    put_over(layer.view("<u4")[:, :, 0], 5, 7, 20, 30, out.view("<u4")[:, :, 0], mixed, light, TABLE)
+    assert np.array_equal(out[7:30, 5:20], layer[7:30, 5:20])
+    out[7:30, 5:20] = 0
+    assert not out.any()

@@ -11,8 +11,11 @@ from pathlib import Path
 from numba.core.dispatcher import Dispatcher
 
 from schemas.render import Accuracy, Antialias, ProjectTo, RenderRequest, SilhouetteRequest, Source
+from schemas.scene import SceneRequest
 from service import kernels
 from service.render.renderer import Renderer
+from service.scene.draw import drawing_of
+from service.scene.plan import plan_scene
 from service.silhouette.describe import describe_silhouette
 from service.warm import warm
 
@@ -52,6 +55,12 @@ def ask_for_everything(renderer: Renderer) -> None:
                 renderer.submit(asset, RenderRequest(camera=camera, width=side, height=side, accuracy=accuracy)).result()
             accuracy = Accuracy(source=Source.CLIPPED, smooth=True)
             renderer.submit(asset, RenderRequest(camera=camera, width=side, height=side, accuracy=accuracy)).result()
+    for camera in CAMERAS:
+        for size in ((8, 8), (256, 130)):
+            for shift in (0.0, 1.0, 3.0):
+                other = {"mesh": "joined", "transform": {"translate": [0.3, shift, -shift], "scale": [1, -2, 1]}}
+                scene = SceneRequest(camera=camera, width=size[0], height=size[1], objects=[{"mesh": "joined"}, other])
+                renderer.submit_drawing(drawing_of(plan_scene(scene, [asset, asset]))).result()
     for camera in (*CAMERAS, INSIDE):
         for smooth in (False, True):
             describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
