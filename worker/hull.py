@@ -1,28 +1,26 @@
-"""The progressive hull: a sequence of edge collapses whose every mesh encloses the one before it.
+"""The progressive hull: a sequence of edge collapses, each of which encloses the mesh before it, and of moves back inwards.
 
 Based on: Sander, Gu, Gortler, Hoppe, Snyder, "Silhouette Clipping" (SIGGRAPH 2000), section 3. The kernels say what departs
 from it: `worker.kernels.collapse_place` (placement), `worker.kernels.collapse` (order). Enclosure is that of the winding
-number: at no point of space does a collapse lower it, decided exactly for the float32 vertices that are stored. On the mesh turned
-inside out the same construction gives the inner hull, which the original encloses.
+number: at no point of space does a collapse lower it, decided exactly for the float32 vertices that are stored. Moves
+(`worker.shrink`) bring vertices back as far as the original allows. On the mesh turned inside out the same construction gives the inner hull, which the original encloses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from geometry.hull_sequence import replay_steps, steps_to
 from geometry.topology import build_edges, signed_volume
 from schemas.conventions import F4, I4
-from worker.kernels.collapse import COLLAPSES, CURSOR, Progress, advance, new_progress
+from worker.kernels.collapse import COLLAPSES, CURSOR, DONE, GOING, STEPS, Progress, advance, new_progress
 from worker.kernels.collapse_mesh import build_collapse_mesh
 from worker.kernels.collapse_place import new_place
 from worker.kernels.collapse_queue import empty_queue
-
-Side = Literal["outer", "inner"]
+from worker.shrink import ShrinkPass, Side, shrink_schedule
 
 _PIECE = 20_000
 """Edges costed between two reports: about 0.05 s."""
@@ -64,32 +62,43 @@ def build_hull(positions: F4, faces: I4, max_faces: int, progress: Callable[[flo
     """
     points, triangles = np.ascontiguousarray(positions, np.float32), np.ascontiguousarray(faces, np.int32)
     outward = triangles if side == "outer" else np.ascontiguousarray(triangles[:, ::-1])
-    record = _collapse_all(points, outward, progress)
-    count = int(record.counters[COLLAPSES])
+    record = _collapse_all(points, outward, max_faces, side, progress)
+    count = int(record.counters[STEPS])
     steps, places = record.vertices[:count].copy(), record.positions[:count].copy()
     volume = signed_volume(points, triangles)
     gained = np.concatenate([[0.0], np.cumsum(record.volume[:count])])
     excess = gained / volume if volume > 0.0 else np.where(gained > 0.0, np.inf, 0.0)
     level = steps_to(steps, len(triangles), max_faces)
-    if len(triangles) - 2 * count > max_faces:
-        level = int(np.searchsorted(excess, UNREACHED_EXCESS, side="right")) - 1
+    if len(triangles) - 2 * int(record.counters[COLLAPSES]) > max_faces:
+        level = int(np.flatnonzero(excess <= UNREACHED_EXCESS)[-1])
     hull_positions, hull_faces = replay_steps(points, triangles, steps, places, level)
     level_faces, level_steps = np.array([len(hull_faces)], np.int32), np.array([level], np.int32)
     signed = float(excess[level]) if side == "outer" else -float(excess[level])
     return Hull(hull_positions, hull_faces, steps, places, level_faces, level_steps, signed)
 
 
-def _collapse_all(points: F4, triangles: I4, progress: Callable[[float], None]) -> Progress:
-    """Collapse until nothing is left to collapse."""
+def _collapse_all(points: F4, triangles: I4, max_faces: int, side: Side, progress: Callable[[float], None]) -> Progress:
+    """Collapse until nothing is left to collapse, with shrink passes on the way."""
     edges = build_edges(triangles)
     mesh = build_collapse_mesh(points, triangles, edges.vertices, edges.faces)
     queue, place = empty_queue(len(edges.vertices)), new_place()
     record = new_progress(len(edges.vertices), len(triangles))
-    going = True
-    while going:
-        going = bool(advance(mesh, queue, record, place, _PIECE))
+    shrinking = ShrinkPass(points, triangles, side)
+
+    def report() -> None:
         costed = record.counters[CURSOR] / max(1, len(edges.vertices))
         collapsed = record.counters[COLLAPSES] / max(1, len(triangles) // 2)
-        progress(float(_COSTING_PART * costed + (1.0 - _COSTING_PART) * collapsed))
+        progress(float(min(1.0, _COSTING_PART * costed + (1.0 - _COSTING_PART) * collapsed)))
+
+    for faces, rounds in [*shrink_schedule(len(triangles), max_faces), (0, 0)]:
+        state = GOING
+        while state == GOING:
+            state = advance(mesh, queue, record, place, _PIECE, faces)
+            report()
+        if rounds:
+            record = shrinking.run(mesh, record, rounds, report)
+            record.counters[CURSOR] = 0
+        if state == DONE:
+            break
     progress(1.0)
     return record

@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from geometry.hull_sequence import cut_hull, replay_steps
+from geometry.hull_sequence import MOVE, cut_hull, replay_steps
 from geometry.topology import NotManifoldError, build_edges, face_components, face_normals, signed_volume
 from schemas.errors import CancelledError
 from tests.meshes import bumpy_sphere, cube, joined, knot, normalised, shared, sphere, torus
@@ -42,10 +42,17 @@ def plane_side(p, face, v):
 
 
 def assert_every_collapse_moves_outwards(positions, faces, hull):
-    """Exact arithmetic: the invariant from which enclosure follows."""
+    """Exact arithmetic: the invariant from which enclosure follows; after every run of moves, enclosure itself."""
     p = np.array(positions, np.float32)
     live = [list(f) for f in faces.tolist()]
-    for (a, b), v in zip(hull.step_vertices.tolist(), hull.step_positions, strict=True):
+    points = np.concatenate([positions, surface_points(positions, faces, 300)])
+    merges = hull.step_vertices[:, 1] != MOVE
+    for step, ((a, b), v) in enumerate(zip(hull.step_vertices.tolist(), hull.step_positions, strict=True)):
+        if b == MOVE:
+            p[a] = v
+            if step + 1 == len(merges) or merges[step + 1]:
+                assert not uncovered(positions, faces, p, np.array(live, np.int32), points).any()
+            continue
         around = [f for f in live if a in f or b in f]
         assert any(a in f and b in f for f in around)
         assert all(plane_side(p, f, v) >= 0 for f in around)
@@ -92,6 +99,23 @@ def test_volume_excess_is_the_volume_gained(name):
     positions, faces, hull = hull_of(MESHES[name], 150)
     expected = signed_volume(hull.positions, hull.faces) / signed_volume(positions, faces) - 1.0
     assert hull.volume_excess == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["bumpy sphere", "torus", "knot"])
+@pytest.mark.parametrize("side", ["outer", "inner"])
+def test_moves_against_the_original_take_volume_from_the_hull_and_leave_it_enclosing(name, side):
+    positions, faces, _ = normalised(MESHES[name])
+    hull = build_hull(positions, faces, 200, quiet, side)
+    moves = np.flatnonzero(hull.step_vertices[:, 1] == MOVE)
+    assert len(moves)
+    sign = 1.0 if side == "outer" else -1.0
+    for first, last in ((moves[0], moves[0] + 1), (moves[-1], moves[-1] + 1)):
+        before = replay_steps(positions, faces, hull.step_vertices, hull.step_positions, int(first))
+        after = replay_steps(positions, faces, hull.step_vertices, hull.step_positions, int(last))
+        assert sign * signed_volume(*after) < sign * signed_volume(*before)
+        inside, outside = ((positions, faces), after) if side == "outer" else (after, (positions, faces))
+        points = np.concatenate([inside[0], surface_points(*inside, 1500)])
+        assert not uncovered(*inside, *outside, points).any()
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -174,7 +198,7 @@ def test_a_count_that_cannot_be_reached_gives_a_tight_hull_and_the_whole_sequenc
     assert hull.volume_excess <= UNREACHED_EXCESS
     assert 20 <= len(hull.faces) < len(faces) / 4
     fewest = assert_sound(positions, faces, hull, 10)[1]
-    assert len(fewest) == len(faces) - 2 * len(hull.step_vertices)
+    assert len(fewest) == len(faces) - 2 * np.count_nonzero(hull.step_vertices[:, 1] != MOVE)
     assert 20 <= len(fewest) < len(hull.faces)
 
 
