@@ -3,7 +3,8 @@
 Based on: Sander, Gu, Gortler, Hoppe, Snyder, "Silhouette Clipping" (SIGGRAPH 2000), section 3. The kernels say what departs
 from it: `worker.kernels.collapse_place` (placement), `worker.kernels.collapse` (order). Enclosure is that of the winding
 number: at no point of space does a collapse lower it, decided exactly for the float32 vertices that are stored. Moves
-(`worker.shrink`) bring vertices back as far as the original allows. On the mesh turned inside out the same construction gives the inner hull, which the original encloses.
+(`worker.shrink`) bring vertices back as far as the original allows. On the mesh turned inside out the same construction gives
+the inner hull, which the original encloses.
 """
 
 from __future__ import annotations

@@ -44,7 +44,8 @@ class ShrinkPass:
     def __init__(self, positions: F4, faces: I4, side: Side) -> None:
         corners = np.ascontiguousarray(positions[faces], np.float64)
         most = np.array([0 if side == "outer" else -1])
-        self._original = Original(positions, faces, corners, *build_boxes(positions, faces), most)
+        order, boxes = build_boxes(positions, faces)
+        self._original = Original(positions, faces, corners, order, boxes, most)
         self._fit = new_fit()
 
     def run(self, mesh: CollapseMesh, record: Progress, rounds: int, report: Callable[[], None]) -> Progress:
