@@ -22,7 +22,7 @@ DOUBLINGS = 1
 Measured on a bunny of 69,664 faces, hull of 500: 6.8 % of excess volume with none, 6.3 % with one, 6.1 % with two; 9.9 %
 without any shrinking. A round costs a tenth of all collapses.
 """
-ROUNDS, FINAL_ROUNDS = 1, 2
+ROUNDS, FINAL_ROUNDS = 1, 1
 ENOUGH = 0.01
 """A round that takes away less than this part of what the first one took is the last."""
 PIECE = 100
