@@ -21,7 +21,7 @@ from worker.kernels.collapse import COLLAPSES, CURSOR, DONE, GOING, STEPS, Progr
 from worker.kernels.collapse_mesh import build_collapse_mesh
 from worker.kernels.collapse_place import new_place
 from worker.kernels.collapse_queue import empty_queue
-from worker.shrink import ShrinkPass, Side, shrink_schedule
+from worker.shrink import ShrinkPass, Side, shrink_sizes
 
 _PIECE = 20_000
 """Edges costed between two reports: about 0.05 s."""
@@ -89,15 +89,15 @@ def _collapse_all(points: F4, triangles: I4, max_faces: int, side: Side, progres
     def report() -> None:
         costed = record.counters[CURSOR] / max(1, len(edges.vertices))
         collapsed = record.counters[COLLAPSES] / max(1, len(triangles) // 2)
-        progress(float(min(1.0, _COSTING_PART * costed + (1.0 - _COSTING_PART) * collapsed)))
+        progress(float(_COSTING_PART * costed + (1.0 - _COSTING_PART) * collapsed))
 
-    for faces, rounds in [*shrink_schedule(len(triangles), max_faces), (0, 0)]:
+    for faces in [*shrink_sizes(len(triangles), max_faces), 0]:
         state = GOING
         while state == GOING:
             state = advance(mesh, queue, record, place, _PIECE, faces)
             report()
-        if rounds:
-            record = shrinking.run(mesh, record, rounds, report)
+        if faces:
+            record = shrinking.run(mesh, record, report)
             record.counters[CURSOR] = 0
         if state == DONE:
             break

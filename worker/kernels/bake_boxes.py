@@ -77,6 +77,13 @@ def build_boxes(positions, faces):
 
 
 @njit(cache=True)
+def boxes_meet(one, other):
+    """Whether two boxes (6,), low and high corners, have a point in common."""
+    apart = one[3] < other[0] or one[0] > other[3] or one[4] < other[1] or one[1] > other[4]
+    return not (apart or one[5] < other[2] or one[2] > other[5])
+
+
+@njit(cache=True)
 def _box_distance2(box, x, y, z):
     dx = max(box[0] - x, 0.0, x - box[3])
     dy = max(box[1] - y, 0.0, y - box[4])

@@ -17,6 +17,7 @@ from numba import njit
 
 from geometry.predicates import orient_sign
 from worker.kernels.collapse_mesh import following, preceding
+from worker.kernels.collapse_place import HALF_ULP
 from worker.kernels.linear_program import BOX_ROWS, INFEASIBLE, solve3
 from worker.kernels.shrink_obstacle import MOST_CORNERS, obstacle
 from worker.kernels.verify_enclosure import winding_numbers
@@ -39,14 +40,12 @@ FOLD = 0.2
 """Cosine of the turn allowed between a face and its successor."""
 FLATTEST = 1e-3
 """Height over longest edge of a new face, unless the old one was as flat."""
-HALF_ULP = 6e-8
-"""Rounding to float32 moves a coordinate by at most this part of it (2^-24, and a little)."""
 
 
 class Original(NamedTuple):
     """What the hull encloses. positions (v, 3) f4, faces (f, 3) i4; corners (f, 3, 3) f8; order, boxes: its box hierarchy.
 
-    most: (1,) i8, the winding number up to which a place may be taken from the hull: 0, and -1 for a mesh turned inside out.
+    most: the winding number up to which a place may be taken from the hull: 0, and -1 for a mesh turned inside out.
     """
 
     positions: np.ndarray
@@ -54,7 +53,7 @@ class Original(NamedTuple):
     corners: np.ndarray
     order: np.ndarray
     boxes: np.ndarray
-    most: np.ndarray
+    most: int
 
 
 class Fit(NamedTuple):
@@ -110,7 +109,7 @@ def _radius(positions, v, ring, n):
 
 
 @njit(cache=True)
-def _cut_row(fit, n, positions, v, a, b, q, scale, margin):
+def _cut_row(fit, n, v, a, b, q, scale, margin):
     """Row n: the point q stays below the face from the new vertex to a and b."""
     ax, ay, az = (a[0] - v[0]) * scale, (a[1] - v[1]) * scale, (a[2] - v[2]) * scale
     ux, uy, uz = (b[0] - a[0]) * scale, (b[1] - a[1]) * scale, (b[2] - a[2]) * scale
@@ -196,14 +195,14 @@ def _free(original, fit, positions, v, count, rows, scale, margin):
         if state:
             free = False
         if state == 2 and rows < fit.rows.shape[0]:
-            rows = _cut_row(fit, rows, positions, tet[0], tet[1], tet[2], fit.worst, scale, margin)
+            rows = _cut_row(fit, rows, tet[0], tet[1], tet[2], fit.worst, scale, margin)
         for k in range(3):
             fit.middles[swept, k] = 0.25 * (tet[0, k] + tet[1, k] + tet[2, k] + tet[3, k])
         swept += 1
     if free and swept:
         inside, _ = winding_numbers(original.positions, original.faces, original.order, original.boxes, fit.middles[:swept])
         for i in range(swept):
-            if inside[i] > original.most[0]:
+            if inside[i] > original.most:
                 return False, rows
     return free, rows
 

@@ -13,14 +13,13 @@ import math
 import numpy as np
 from numba import njit
 
-from geometry.predicates import orient_sign
-from worker.kernels.bake_boxes import LEAF, STACK
+from geometry.predicates import UNDERFLOW_GUARD, orient_sign
+from worker.kernels.bake_boxes import LEAF, STACK, boxes_meet
 
 ROOM = 1e-13
 """Normalised units between two shadows on an axis that float64 cannot have made up."""
 HEIGHT_ERROR = 1e-14
 """Of a height over a plane, over the products in it: some 20 roundings of 2^-53, and as much again."""
-UNDERFLOW_GUARD = 1e-280
 MOST_CORNERS = 8
 """Corners of a triangle cut by the four planes of a tetrahedron, 7, and one."""
 PLANES = ((3, 1, 2, 1), (0, 1, 2, -1), (0, 3, 1, -1), (0, 2, 3, -1))
@@ -110,14 +109,13 @@ def _apart_along_edges(tet, tri):
 
 
 @njit(cache=True)
-def _clip(tet, tri, polygon, other):
+def _clip(tet, planes, tri, polygon, other):
     """The part of the triangle in the tetrahedron, rounded, into polygon (MOST_CORNERS, 3); returns its corners."""
     n = 3
     polygon[:3] = tri
-    for p, q, r, inside in PLANES:
-        ux, uy, uz = tet[q, 0] - tet[p, 0], tet[q, 1] - tet[p, 1], tet[q, 2] - tet[p, 2]
-        wx, wy, wz = tet[r, 0] - tet[p, 0], tet[r, 1] - tet[p, 1], tet[r, 2] - tet[p, 2]
-        nx, ny, nz = inside * (uy * wz - uz * wy), inside * (uz * wx - ux * wz), inside * (ux * wy - uy * wx)
+    for side in range(4):
+        p = PLANES[side][0]
+        nx, ny, nz = planes[side, 0], planes[side, 1], planes[side, 2]
         m = 0
         for k in range(n):
             j = k + 1 if k + 1 < n else 0
@@ -169,7 +167,7 @@ def obstacle(original, order, boxes, tet, scratch, worst):
     while top > 0:
         top -= 1
         node = stack[top]
-        if not _overlap(reach, boxes[node]) or _box_beyond(planes, boxes[node]):
+        if not boxes_meet(reach, boxes[node]) or _box_beyond(planes, boxes[node]):
             continue
         if node < leaves:
             stack[top], stack[top + 1] = 2 * node, 2 * node + 1
@@ -181,16 +179,9 @@ def obstacle(original, order, boxes, tet, scratch, worst):
             if _beyond_a_face(tet, planes, tri) or _on_one_side(tet, tri) or _apart_along_edges(tet, tri):
                 continue
             state = max(state, 1)
-            for k in range(_clip(tet, tri, scratch[0], scratch[1])):
+            for k in range(_clip(tet, planes, tri, scratch[0], scratch[1])):
                 angle = _angle(tet, scratch[0, k])
                 if angle > steepest:
                     steepest, state = angle, 2
                     worst[:] = scratch[0, k]
     return state
-
-
-@njit(cache=True)
-def _overlap(reach, box):
-    """Whether two boxes (6,), low and high corners, meet."""
-    apart = reach[3] < box[0] or reach[0] > box[3] or reach[4] < box[1] or reach[1] > box[4]
-    return not (apart or reach[5] < box[2] or reach[2] > box[5])

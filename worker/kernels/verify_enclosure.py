@@ -11,11 +11,10 @@ import numpy as np
 from numba import njit
 
 from geometry import expansions as ex
-from geometry.predicates import orient_sign
-from worker.kernels.bake_boxes import LEAF, STACK
+from geometry.predicates import UNDERFLOW_GUARD, orient_sign
+from worker.kernels.bake_boxes import LEAF, STACK, boxes_meet
 
 ORIENT2_ERROR = 3.330669073875472e-16  # (3 + 16 u) u, u = 2^-53: Shewchuk's bound for orient2d
-UNDERFLOW_GUARD = 1e-280
 BESIDE_ERROR = 1e-14  # of a plane's value at a point, over the product of absolute values in it: some 20 roundings of 2^-53
 
 
@@ -63,8 +62,7 @@ def _next_leaf(boxes, reach, stack, top):
     while top > 0:
         top -= 1
         node = stack[top]
-        box = boxes[node]
-        if reach[3] < box[0] or reach[0] > box[3] or reach[4] < box[1] or reach[1] > box[4] or reach[5] < box[2] or reach[2] > box[5]:
+        if not boxes_meet(reach, boxes[node]):
             continue
         if node >= leaves:
             return node - leaves, top
