@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 
 from schemas.conventions import Array
@@ -27,3 +29,7 @@ class Scratch:
             if size <= KEPT_BYTES:
                 self._buffers[name] = buffer
         return buffer[:size].view(dtype).reshape(shape)
+
+
+class ThreadScratch(threading.local, Scratch):
+    """The same, each thread with buffers of its own."""

@@ -9,6 +9,8 @@ or more. Here that is decided, not hoped for: each pixel counts how often pieces
 they run. With two touches at most and no turning back in x or in y, one chain without loops crosses the pixel, the
 winding number has two neighbouring values, and the clamped integral is exact. All other pixels are doubtful and handed on
 (`coverage_pixels`), with the pieces that cross them.
+
+Pixels that are known to be covered, as something drawn inside the polygon covers them, only pass their pieces on to the right.
 """
 
 from __future__ import annotations
@@ -21,137 +23,118 @@ SUMMED = 1  # its sum has been written
 RIGHT, LEFT, DOWN, UP = 2, 4, 8, 16  # some piece runs that way
 TOUCH = 32  # three bits: pieces' ends on the border, 0..7
 DOUBTFUL = 255
-OUTSIDE = -1.0  # x of a piece that is left of the image
+FULL = 255  # the mask of a covered pixel
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _put(pieces, pixels, n, row, column, xa, ya, xb, yb, falls):
-    """Append a piece, with its own direction again: xa..yb runs down, falls is -1 when the edge runs up."""
-    if falls > 0.0:
-        pieces[n, 0], pieces[n, 1], pieces[n, 2], pieces[n, 3] = xa, ya, xb, yb
-    else:
-        pieces[n, 0], pieces[n, 1], pieces[n, 2], pieces[n, 3] = xb, yb, xa, ya
-    pixels[n, 0], pixels[n, 1] = row, column
-    return n + 1
+@njit(cache=True, nogil=True, error_model="numpy")
+def cut(segments, start, width, x0, y0, y1, sums, state, known, pieces, places):
+    """Cut segments (s, 4) f8, from number `start` on, at the sides of pixels; add the pieces up and keep those that may be needed.
 
+    sums (rows, columns) f8, state (rows, columns) u1: of the pixels from (x0, y0) on; sums need not be cleared, state must be. known
+    (h, w) u1: FULL where pixels of the image are known to be covered. Rows outside y0..y1 drop out. pieces (n, 4) f8, places (n,) i4:
+    row * columns + column. Returns (how many pieces, next start): it stops when the next segment might not fit any more.
 
-@njit(cache=True, nogil=True)
-def _cut_row(pieces, pixels, n, row, xa, ya, xb, yb, falls, width):
-    """Cut a part of an edge inside one row at the pixels' sides; ya <= yb. What is left of the image becomes x = OUTSIDE."""
-    if xa >= width and xb >= width:
-        return n
-    if xa <= 0.0 and xb <= 0.0:
-        return _put(pieces, pixels, n, row, 0, OUTSIDE, ya, OUTSIDE, yb, falls)
-    low, high = (xa, xb) if xa < xb else (xb, xa)
-    first, last = np.int64(np.floor(max(low, 0.0))), np.int64(np.ceil(min(high, np.float64(width)))) - 1
-    if last <= first and low >= 0.0 and high <= width:
-        return _put(pieces, pixels, n, row, first, xa, ya, xb, yb, falls)
-    slope = (yb - ya) / (xb - xa)
-    step = 1 if xb > xa else -1
-    x, y = xa, ya
-    if step > 0 and xa < 0.0:
-        x, y = 0.0, min(max(ya - xa * slope, ya), yb)
-        n = _put(pieces, pixels, n, row, 0, OUTSIDE, ya, OUTSIDE, y, falls)
-    elif step < 0 and xa > width:
-        x, y = np.float64(width), min(max(ya + (width - xa) * slope, ya), yb)
-    column, end = (first, last) if step > 0 else (last, first)
-    while True:
-        border = np.float64(column + (step > 0))
-        if column == end and ((step > 0 and xb <= border) or (step < 0 and xb >= border)):
-            return _put(pieces, pixels, n, row, column, x, y, xb, yb, falls)
-        at = min(max(ya + (border - xa) * slope, y), yb)
-        n = _put(pieces, pixels, n, row, column, x, y, border, at, falls)
-        x, y = border, at
-        if column == end:
-            break
-        column += step
-    if step < 0:
-        n = _put(pieces, pixels, n, row, 0, OUTSIDE, y, OUTSIDE, yb, falls)
-    return n
-
-
-@njit(cache=True, nogil=True)
-def cut(segments, start, width, y0, y1, pieces, pixels):
-    """Cut segments (s, 4) f8, from number `start` on, into pieces (n, 4) f8 of single pixels (n, 2) i4 (row, column).
-
-    Rows outside y0..y1 drop out. Returns (n, next start): it stops when the next segment might not fit any more.
+    All in one function: arrays that are handed on cost atomic reference counts, more than the work done on a piece.
     """
-    n = 0
+    n, columns, right_side = 0, np.uint64(state.shape[1]), np.float64(width)
     for s in range(start, segments.shape[0]):
-        xa, ya, xb, yb = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
-        falls = 1.0
-        if ya > yb:
-            xa, ya, xb, yb, falls = xb, yb, xa, ya, -1.0
-        if yb < y0 or ya >= y1 or (xa >= width and xb >= width):
+        px, py, qx, qy = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
+        down = py <= qy
+        if not down:
+            px, py, qx, qy = qx, qy, px, py
+        falls = 1.0 if down else -1.0
+        if qy < y0 or py >= y1 or (px >= width and qx >= width):
             continue
-        if n + _most_pieces(xa, ya, xb, yb, width, y0, y1) > pieces.shape[0]:
+        if n + _most_pieces(px, py, qx, qy, width, y0, y1) > pieces.shape[0]:
             return n, s
-        if ya == yb:
-            n = _cut_row(pieces, pixels, n, np.int64(np.floor(ya)), xa, ya, xb, yb, falls, width)
-            continue
-        first, last = np.int64(np.floor(max(ya, np.float64(y0)))), np.int64(np.ceil(min(yb, np.float64(y1)))) - 1
-        if first == last and ya >= first and yb <= first + 1:
-            n = _cut_row(pieces, pixels, n, first, xa, ya, xb, yb, falls, width)
-            continue
-        low, high = min(xa, xb), max(xa, xb)
-        slope = (xb - xa) / (yb - ya)
-        x, y = xa, ya
-        if ya < first:
-            x, y = min(max(xa + (first - ya) * slope, low), high), np.float64(first)
+        first, last = np.int64(np.floor(max(py, np.float64(y0)))), np.int64(np.ceil(min(qy, np.float64(y1)))) - 1
+        last = max(first, last)
+        low, high = min(px, qx), max(px, qx)
+        run = (qx - px) / (qy - py) if qy > py else 0.0
+        rise = (qy - py) / (qx - px) if qx != px else 0.0
+        x, y = px, py
+        if py < first:
+            x, y = min(max(px + (first - py) * run, low), high), np.float64(first)
         for row in range(first, last + 1):
-            xe, ye = xb, yb
-            if yb > row + 1:
-                xe, ye = min(max(xa + (row + 1 - ya) * slope, low), high), np.float64(row + 1)
-            n = _cut_row(pieces, pixels, n, row, x, y, xe, ye, falls, width)
-            x, y = xe, ye
+            # the part of the segment in this row: (xa, ya) to (xb, yb), held inside the image from (x, y) to (xe, ye)
+            xa, ya, xb, yb = x, y, qx, qy
+            if qy > row + 1:
+                xb, yb = min(max(px + (row + 1 - py) * run, low), high), np.float64(row + 1)
+            x, y = xb, yb
+            r = np.uint64(row - y0)
+            if xa >= width and xb >= width:
+                continue
+            xs, ys, xe, ye = xa, ya, xb, yb
+            if xa < 0.0 or xb < 0.0 or xa > width or xb > width:
+                left = 0.0
+                at = min(max(ya - xa * rise, ya), yb)
+                if xa < 0.0:
+                    xs, ys = 0.0, yb if xb < 0.0 else at
+                    left += ys - ya
+                elif xb < 0.0:
+                    xe, ye = 0.0, at
+                    left += yb - ye
+                before, now = sums[r, np.uint64(-x0)], state[r, np.uint64(-x0)]
+                if left != 0.0:
+                    sums[r, np.uint64(-x0)] = (before if now & SUMMED else 0.0) + falls * left
+                    state[r, np.uint64(-x0)] = now | SUMMED
+                if xa < 0.0 and xb < 0.0:
+                    continue
+                at = min(max(ya + (right_side - xa) * rise, ya), yb)
+                if xa > width:
+                    xs, ys = right_side, at
+                elif xb > width:
+                    xe, ye = right_side, at
+            forwards = xe >= xs
+            column = np.int64(np.floor(xs)) if forwards else np.int64(np.ceil(xs)) - 1
+            end = max(np.int64(np.ceil(xe)) - 1, column) if forwards else np.int64(np.floor(xe))
+            step = 1 if forwards else -1
+            while True:
+                bx, by = xe, ye
+                if column != end:
+                    bx = np.float64(column + forwards)
+                    by = min(max(ya + (bx - xa) * rise, ys), yb)
+                c = np.uint64(column - x0)
+                drop = falls * (by - ys)
+                before, now = sums[r, c], state[r, c]
+                if known[np.uint64(row), np.uint64(column)] == FULL:
+                    sums[r, c] = (before if now & SUMMED else 0.0) + drop
+                    state[r, c] = now | SUMMED
+                elif xs != bx or ys != by:
+                    side, top = np.float64(column), np.float64(row)
+                    inside = drop * (0.5 * ((xs - side) + (bx - side)))
+                    sums[r, c] = (before if now & SUMMED else 0.0) + (drop - inside)
+                    touches = (now >> 5) + _on_side(xs, ys, side, top) + _on_side(bx, by, side, top)
+                    across = falls * (bx - xs)
+                    runs = RIGHT * (across > 0.0) + LEFT * (across < 0.0) + DOWN * (drop > 0.0) + UP * (drop < 0.0)
+                    state[r, c] = (now & 30) | runs | (min(touches, 7) << 5) | SUMMED
+                    after = c + np.uint64(1)
+                    before, now = sums[r, after], state[r, after]
+                    sums[r, after] = (before if now & SUMMED else 0.0) + inside
+                    state[r, after] = now | SUMMED
+                    pieces[n, 0], pieces[n, 1] = xs if down else bx, ys if down else by
+                    pieces[n, 2], pieces[n, 3] = bx if down else xs, by if down else ys
+                    places[n] = np.int32(r * columns + c)
+                    n += 1
+                if column == end:
+                    break
+                xs, ys = bx, by
+                column += step
     return n, segments.shape[0]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
+def _on_side(x, y, left, top):
+    """1 on the pixel's border, else 0; without branches, which would be guessed wrongly."""
+    return (x == left) | (x == left + 1.0) | (y == top) | (y == top + 1.0)
+
+
+@njit(cache=True, nogil=True)
 def _most_pieces(xa, ya, xb, yb, width, y0, y1):
     """Upper bound of the number of pieces of a segment: the sides it crosses, and some."""
     across = min(max(xa, xb, 0.0), width) - max(min(xa, xb, width), 0.0)
     down = min(yb, np.float64(y1)) - max(ya, np.float64(y0))
     return 2.0 * np.ceil(max(down, 0.0)) + np.ceil(max(across, 0.0)) + 5.0
-
-
-@njit(cache=True, nogil=True)
-def most_pieces(segments, width, height):
-    """Upper bound of the number of pieces of all segments."""
-    total = 0.0
-    for s in range(segments.shape[0]):
-        low, high = min(segments[s, 1], segments[s, 3]), max(segments[s, 1], segments[s, 3])
-        total += _most_pieces(segments[s, 0], low, segments[s, 2], high, width, 0, height)
-    return total
-
-
-@njit(cache=True, nogil=True)
-def accumulate(pieces, pixels, count, x0, y0, sums, state):
-    """Add up the first `count` pieces. sums (rows, columns) f8 need not be cleared, state (rows, columns) u1 must be."""
-    for i in range(count):
-        xa, ya, xb, yb = pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3]
-        left, top = np.float64(pixels[i, 1]), np.float64(pixels[i, 0])
-        row, column = np.uint64(pixels[i, 0] - y0), np.uint64(pixels[i, 1] - x0)
-        drop = yb - ya
-        now = state[row, column]
-        if drop != 0.0:
-            inside = 0.0 if xa < left else drop * (0.5 * ((xa - left) + (xb - left)))
-            sums[row, column] = (sums[row, column] if now & SUMMED else 0.0) + (drop - inside)
-            now |= SUMMED
-            if inside != 0.0:
-                after = column + np.uint64(1)
-                sums[row, after] = (sums[row, after] if state[row, after] & SUMMED else 0.0) + inside
-                state[row, after] |= SUMMED
-        if xa >= left and (xa != xb or drop != 0.0):
-            touches = (now >> 5) + _on_side(xa, ya, left, top) + _on_side(xb, yb, left, top)
-            now |= RIGHT * (xb > xa) | LEFT * (xb < xa) | DOWN * (drop > 0.0) | UP * (drop < 0.0)
-            now = (now & 31) | (min(touches, 7) << 5)
-        state[row, column] = now
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _on_side(x, y, left, top):
-    return x in (left, left + 1.0) or y in (top, top + 1.0)
 
 
 @njit(cache=True, nogil=True)
@@ -161,18 +144,18 @@ def _simple(now):
 
 
 @njit(cache=True, nogil=True)
-def sweep(sums, state, state8, base, mask, x0, y0, x1, y1, doubtful):
-    """Sum along the rows into mask (h, w) u1; returns (how many pixels are doubtful, end of the columns written).
+def sweep(sums, state, state8, known, base, x0, y0, x1, y1, out, doubtful):
+    """Sum along the rows into out (h, w) u1, which is empty; returns (how many pixels are doubtful, end of the columns written).
 
-    Rows that are still covered at x1 are so to the end. Doubtful pixels get the state DOUBTFUL, their sum in `sums` and their
-    place (row * columns + column) in doubtful. state8 is state as u8 words: where a word is zero, eight pixels have the value
-    of the one before.
+    sums, state, known as in `cut`. Rows that are still covered at x1 are so to the end. Doubtful pixels get the state
+    DOUBTFUL, their sum in the sums and their place (row * columns + column) in doubtful. state8 is state as u8 words: where a word is
+    zero, eight pixels have the value of the one before.
     """
     count, end_column = 0, x1
     columns = x1 - x0
     for row in range(y1 - y0):
         total = base
-        line = mask[y0 + row]
+        line, covered = out[y0 + row], known[y0 + row]
         for word in range(state8.shape[1]):
             begin = 8 * word
             end = min(begin + 8, columns)
@@ -186,6 +169,9 @@ def sweep(sums, state, state8, base, mask, x0, y0, x1, y1, doubtful):
                 now = state[row, column]
                 if now & SUMMED:
                     total += sums[row, column]
+                if covered[x0 + column] == FULL:
+                    line[x0 + column] = FULL
+                    continue
                 line[x0 + column] = np.uint8(min(max(total, 0.0), 1.0) * 255.0 + 0.5)
                 if not _simple(now):
                     state[row, column] = DOUBTFUL
@@ -195,23 +181,29 @@ def sweep(sums, state, state8, base, mask, x0, y0, x1, y1, doubtful):
         if state[row, columns] & SUMMED:
             total += sums[row, columns]
         value = np.uint8(min(max(total, 0.0), 1.0) * 255.0 + 0.5)
-        if value and x1 < mask.shape[1]:
+        if value and x1 < out.shape[1]:
             line[x1:] = value
-            end_column = mask.shape[1]
+            end_column = out.shape[1]
     return count, end_column
 
 
 @njit(cache=True, nogil=True)
-def extent(segments):
-    """(min x, min y, max x, max y); NaN anywhere gives NaN everywhere. 1, 1, 0, 0 without segments."""
-    if segments.shape[0] == 0:
-        return 1.0, 1.0, 0.0, 0.0
-    low_x, high_x = segments[0, 0], segments[0, 0]
-    low_y, high_y = segments[0, 1], segments[0, 1]
-    check = 0.0
+def extent(segments, width, y0, y1):
+    """(min x, min y, max x, max y, most pieces) of the segments that meet rows y0..y1; NaN anywhere gives NaN everywhere.
+
+    1, 1, 0, 0, 0 without segments. most pieces: an upper bound of what `cut` makes.
+    """
+    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
+    check, pieces, count = 0.0, 0.0, 0
     for s in range(segments.shape[0]):
         xa, ya, xb, yb = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
+        check += 0.0 * (xa + ya + xb + yb)
+        if max(ya, yb) < y0 or min(ya, yb) >= y1:
+            continue
+        count += 1
         low_x, high_x = min(low_x, xa, xb), max(high_x, xa, xb)
         low_y, high_y = min(low_y, ya, yb), max(high_y, ya, yb)
-        check += 0.0 * (xa + ya + xb + yb)
-    return low_x + check, low_y + check, high_x + check, high_y + check
+        pieces += _most_pieces(xa, min(ya, yb), xb, max(ya, yb), width, y0, y1)
+    if count == 0:
+        return 1.0 + check, 1.0 + check, 0.0 + check, 0.0 + check, 0.0
+    return low_x + check, low_y + check, high_x + check, high_y + check, pieces

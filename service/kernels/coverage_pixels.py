@@ -265,32 +265,30 @@ def covered_area(p, begin, end, total, left, top, scratch):
 
 
 @njit(cache=True, nogil=True)
-def gather(pieces, pixels, x0, y0, state, doubtful, number, offsets, owner, own):
+def gather(pieces, places, state, doubtful, number, offsets, own):
     """Sort the pieces of doubtful pixels by pixel into own (n, 4) f8: pixel d has own[offsets[d]:offsets[d + 1]].
 
-    doubtful (d,): row * columns + column, relative to (x0, y0). offsets (d + 2,) i4. Scratch: number, of the size of state;
-    owner (n,) i4. Returns the largest number of pieces of a pixel.
+    pieces (n, 4) f8, places (n,) i4, state: of `coverage.cut`. doubtful (d,) i4: places. offsets (d + 2,) i4. number: scratch (i4) of the
+    size of state. Returns the largest number of pieces of a pixel.
     """
-    columns = state.shape[1]
+    flat = state.reshape(-1)
     offsets[:] = 0
     for d in range(doubtful.shape[0]):
         number[doubtful[d]] = d
     for i in range(pieces.shape[0]):
-        row, column = pixels[i, 0] - y0, pixels[i, 1] - x0
-        owner[i] = -1
-        if state[row, column] == DOUBTFUL and pieces[i, 0] >= pixels[i, 1]:
-            owner[i] = number[row * columns + column]
-            offsets[owner[i] + 2] += 1
+        if flat[places[i]] == DOUBTFUL:
+            offsets[number[places[i]] + 2] += 1
     most = 1
     for d in range(doubtful.shape[0]):
         most = max(most, offsets[d + 2])
         offsets[d + 2] += offsets[d + 1]
     # offsets[d + 1] is where the next piece of pixel d goes, and ends as where those of d + 1 begin
     for i in range(pieces.shape[0]):
-        if owner[i] >= 0:
-            place = offsets[owner[i] + 1]
+        if flat[places[i]] == DOUBTFUL:
+            d = number[places[i]]
+            place = offsets[d + 1]
             own[place, 0], own[place, 1], own[place, 2], own[place, 3] = pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3]
-            offsets[owner[i] + 1] += 1
+            offsets[d + 1] += 1
     return most
 
 

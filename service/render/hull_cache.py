@@ -37,11 +37,18 @@ class HullSurface:
 
 
 @dataclass(frozen=True)
-class HullView:
-    """A hull in the image. points (v, 4) f8 and words (h, w) i8: see `service.kernels.hull_visible`; planes: of faces, then rim."""
+class PlacedHull:
+    """A hull and where its vertices are in the image: points (v, 4) f8 of `service.kernels.hull_visible.clip_points`."""
 
     surface: HullSurface
     points: Array
+
+
+@dataclass(frozen=True)
+class HullView:
+    """A hull in a tile. words (h, w) i8: see `service.kernels.hull_visible`; planes: of faces, then rim; front: of the faces."""
+
+    placed: PlacedHull
     planes: Array
     front: Array
     words: Array

@@ -21,14 +21,14 @@ DRAWN = frozenset({"clear", "read", "composite"})
 SILHOUETTE: dict[Antialias, frozenset[str]] = {
     Antialias.NONE: frozenset({"edges", "loops", "stencil"}),
     Antialias.LINE: frozenset({"edges", "loops", "stencil", "segments", "outline", "interior"}),
-    Antialias.COVERAGE: frozenset({"edges", "segments", "coverage"}),
+    Antialias.COVERAGE: frozenset({"edges", "segments", "core", "coverage"}),
 }
 """Passes that make the exact outline, by rung."""
 
 SURFACE: dict[tuple[Source, Antialias], frozenset[str]] = {
     (Source.CLIPPED, Antialias.NONE): frozenset({"surface"}) | DRAWN,
     (Source.CLIPPED, Antialias.LINE): frozenset({"surface", "rim"}) | DRAWN,
-    (Source.CLIPPED, Antialias.COVERAGE): frozenset({"surface", "rim", "composite"}),
+    (Source.CLIPPED, Antialias.COVERAGE): frozenset({"hull", "surface", "rim", "composite"}),
     (Source.ORIGINAL, Antialias.NONE): frozenset({"surface"}) | DRAWN,
     (Source.ORIGINAL, Antialias.COVERAGE): frozenset({"surface", "rim"}) | DRAWN,
     (Source.ORIGINAL, Antialias.MSAA): frozenset({"surface", "resolve"}) | DRAWN,
@@ -73,6 +73,11 @@ class Plan:
         return self.source is Source.CLIPPED and self.antialias is Antialias.COVERAGE
 
     @property
+    def in_bands(self) -> bool:
+        """Whether rows of the picture can be made without the others. A smooth outline is one piece of work."""
+        return self.on_cpu and not self.smooth
+
+    @property
     def rung(self) -> str:
         """Its name for people: source/antialias, and /smooth."""
         return f"{self.source.value}/{self.antialias.value}" + ("/smooth" if self.smooth else "")
@@ -108,6 +113,8 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
     mode = request.shading.mode
     outlined = source is Source.CLIPPED or antialias is Antialias.COVERAGE
     passes = ALWAYS | (SILHOUETTE[antialias] if outlined else frozenset())
+    if asset.core is None:
+        passes -= {"core"}
     if outlined and mode is ShadingMode.MASK:
         passes |= _bare_mask(antialias)
     else:

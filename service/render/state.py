@@ -16,11 +16,11 @@ from service.camera import View
 from service.kernels.compositing import linear_table
 from service.render.context import GlContext
 from service.render.gpu_cache import GpuCache
-from service.render.hull_cache import HullCache, HullView
+from service.render.hull_cache import HullCache, HullView, PlacedHull
 from service.render.plan import Plan
 from service.render.programs import Programs
 from service.render.targets import Target, Targets
-from service.scratch import Scratch
+from service.scratch import ThreadScratch
 from service.silhouette.contours import Contours
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import LevelInView
@@ -98,7 +98,7 @@ class Gpu:
         self.targets = Targets(self.gl)
         self.cache = GpuCache(self.ctx, cache_mib)
         self.hulls = HullCache(cache_mib)
-        self.scratch = Scratch()
+        self.scratch = ThreadScratch()
         self._screens: dict[moderngl.Program, moderngl.VertexArray] = {}
         self._streams: dict[moderngl.Program, Stream] = {}
         self._pixels = np.empty(0, np.uint8)
@@ -157,7 +157,7 @@ class Tile:
 class FrameState:
     """One frame under way. background: sRGB bytes, None when transparent. area: the part of the image that can have anything
     of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn. level: what the outline
-    is taken from, None for the mesh itself.
+    is taken from, None for the mesh itself. segments, core: (n, 4) f8 pixels, the outline of that and of the mesh's core.
     """
 
     gpu: Gpu
@@ -172,11 +172,13 @@ class FrameState:
     contours: Contours | None = None
     triangles: I4 = field(default_factory=lambda: np.empty((0, 3), np.int32))
     segments: F8 = field(default_factory=lambda: np.empty((0, 4)))
+    core: F8 | None = None
     smooth: SmoothContours | None = None
     mask: U1 | None = None
     area: Tile = Tile(0, 0, 0, 0)
     tile: Tile = Tile(0, 0, 0, 0)
     target: Target | None = None
+    placed: PlacedHull | None = None
     hull: HullView | None = None
     drawn: U1 | None = None
 

@@ -6,11 +6,9 @@ eye; how the walk departs from the paper is said in `service.kernels.tree_walk` 
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from functools import cache
+from concurrent.futures import Future
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -20,6 +18,7 @@ from geometry.silhouettes import silhouette_scalar
 from schemas.conventions import F4, F8, I4, Array
 from service.kernels import tree_walk
 from service.silhouette.packing import check_tree, pack_tree
+from service.threads import pool
 
 T = TypeVar("T", bound=np.generic)
 _WALK: Callable[..., tuple[I4, int, int]] = tree_walk.walk
@@ -86,7 +85,7 @@ class SilhouetteTree:
         if eyes.ndim != 2 or eyes.shape[1] != 4 or not all(_are_eyes(*eye) for eye in eyes.tolist()):
             raise ValueError("eyes are rows of four finite numbers, the last one 1 or 0")
         parts = [part for part in np.array_split(eyes, max(1, threads)) if len(part)]
-        others = [_pool().submit(self._walk_many, part) for part in parts[1:]]
+        others = [pool().submit(self._walk_many, part) for part in parts[1:]]
         found = self._walk_many(parts[0]) if parts else []
         return found + [extraction for other in others for extraction in other.result()]
 
@@ -109,7 +108,7 @@ class SilhouetteTree:
         words = self._scratch.words
         leaves, cones = tree_walk.open_nodes(self._arena, words, self._lanes, eye, eyes, self._farthest_anchor)
         parts = np.array_split(leaves, max(1, min(threads, len(leaves) // _LEAVES_A_THREAD)))
-        others: list[Future[tuple[I4, int]]] = [_pool().submit(self._test_leaves, part, eye, eyes) for part in parts[1:]]
+        others: list[Future[tuple[I4, int]]] = [pool().submit(self._test_leaves, part, eye, eyes) for part in parts[1:]]
         found = [self._test_leaves(parts[0], eye, eyes), *(other.result() for other in others)]
         edges = found[0][0] if len(found) == 1 else np.concatenate([edges for edges, _ in found])
         return Extraction(edges, sum(tested for _, tested in found), cones)
@@ -128,12 +127,6 @@ class SilhouetteTree:
 
 def _are_eyes(x: float, y: float, z: float, w: float) -> bool:
     return (w in (0.0, 1.0)) and (x - x) + (y - y) + (z - z) == 0.0  # not a number minus itself, nor infinity, is no zero
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    """Threads that wait for a share of an extraction, one less than there are cores: the caller is one too."""
-    return ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1), thread_name_prefix="extract")
 
 
 def _frozen(values: Array, kind: type[T]) -> npt.NDArray[T]:

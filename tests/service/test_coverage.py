@@ -39,11 +39,11 @@ def test_mask_is_the_exact_area_of_positive_winding(polygons):
 
 def allowed(segments, width, height):
     """Largest error of each pixel: rounding, but a slab for each piece where there are too many pieces to be exact."""
-    pieces, pixels = np.empty((1000, 4)), np.empty((1000, 2), np.int32)
-    count, _ = cut(segments, 0, width, 0, height, pieces, pixels)
-    crossed = np.zeros((height, width))
-    inside = pieces[:count, 0] >= pixels[:count, 1]
-    np.add.at(crossed, tuple(pixels[:count][inside].T), 1)
+    pieces, places = np.empty((1000, 4)), np.empty(1000, np.int32)
+    columns = width + 1
+    sums, state, known = np.zeros((height, columns)), np.zeros((height, columns), np.uint8), np.zeros((height, width), np.uint8)
+    count, _ = cut(segments, 0, width, 0, 0, height, sums, state, known, pieces, places)
+    crossed = np.bincount(places[:count], minlength=height * columns).reshape(height, columns)[:, :width]
     return np.where(crossed > EXACT_PIECES, crossed / SLABS, ROUNDING)
 
 

@@ -14,24 +14,33 @@ from schemas.conventions import F8, Array
 from schemas.render import ShadingMode
 from service.kernels import hull_rim, hull_shading, hull_visible
 from service.kernels.compositing import srgb_of
-from service.render.hull_cache import HullView
+from service.render.hull_cache import HullView, PlacedHull
 from service.render.passes.light import light_of
 from service.render.state import LINEAR_TABLE, Color, FrameState, as_words, parse_color
 
 COLORS_KEPT = 64
 
 
+def place_hull(frame: FrameState) -> None:
+    """Find where the hull's vertices are in the image: `frame.placed`."""
+    surface = frame.gpu.hulls.get(frame.asset)
+    points = frame.gpu.scratch.array("points", (len(surface.positions), 4), np.float64)
+    hull_visible.clip_points(_pixels_from_object(frame), surface.positions, points)
+    frame.placed = PlacedHull(surface, points)
+
+
 def draw_hull(frame: FrameState) -> None:
     """Find which face of the hull each pixel of the tile shows: `frame.hull`."""
-    surface, scratch, t = frame.gpu.hulls.get(frame.asset), frame.gpu.scratch, frame.tile
-    points = scratch.array("points", (len(surface.positions), 4), np.float64)
-    planes = scratch.array("planes", (len(surface.faces) + len(surface.edge_faces), hull_visible.PLANES), np.float64)
-    front = scratch.array("front", (len(surface.faces),), np.bool_)
+    placed, scratch, t = frame.placed, frame.gpu.scratch, frame.tile
+    if placed is None:
+        raise RuntimeError("the hull was not placed in the image before it was drawn")
+    s = placed.surface
+    planes = scratch.array("planes", (len(s.faces) + len(s.edge_faces), hull_visible.PLANES), np.float64)
+    front = scratch.array("front", (len(s.faces),), np.bool_)
     words = scratch.array("words", (t.height, t.width + hull_visible.SLACK), np.int64)
     sense = -1.0 if frame.view.mirrored else 1.0
-    hull_visible.clip_points(_pixels_from_object(frame), surface.positions, points)
-    hull_visible.draw_faces(points, surface.faces, surface.uv, sense, t.x, t.y, t.x + t.width, t.y + t.height, words, planes, front)
-    frame.hull = HullView(surface, points, planes, front, words)
+    hull_visible.draw_faces(placed.points, s.faces, s.uv, sense, t.x, t.y, t.x + t.width, t.y + t.height, words, planes, front)
+    frame.hull = HullView(placed, planes, front, words)
 
 
 def draw_hull_rim(frame: FrameState) -> None:
@@ -39,9 +48,9 @@ def draw_hull_rim(frame: FrameState) -> None:
     view, t = frame.hull, frame.tile
     if view is None:
         return
-    s = view.surface
+    s = view.placed.surface
     hull_rim.draw_rim(
-        view.points, s.faces, s.uv, s.edge_vertices, s.edge_faces, view.front, hull_rim.LEAST_HALF_WIDTH + frame.beyond_px,
+        view.placed.points, s.faces, s.uv, s.edge_vertices, s.edge_faces, view.front, hull_rim.LEAST_HALF_WIDTH + frame.beyond_px,
         t.x, t.y, t.x + t.width, t.y + t.height, view.words, view.planes,
     )  # fmt: skip
 
@@ -50,7 +59,7 @@ def paint_hull(frame: FrameState, view: HullView) -> None:
     """Colour the pixels of the tile that `frame.mask` covers, over the background in `frame.image`."""
     if frame.mask is None:
         return
-    shading, surface = frame.request.shading, view.surface
+    shading, surface = frame.request.shading, view.placed.surface
     shown = hull_shading.FLAT
     if shading.mode is ShadingMode.NORMAL:
         shown = hull_shading.NORMALS
