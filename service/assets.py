@@ -13,6 +13,7 @@ import numpy as np
 
 from backend.artifacts import open_artifact
 from backend.store import Store
+from geometry.silhouettes import FacePlanes, face_planes
 from geometry.topology import EdgeTable, build_edges
 from schemas import artifacts, keys
 from schemas.conventions import F4, F8, I4, Array, Frame
@@ -35,6 +36,11 @@ class MeshCore:
     faces: I4
     edge_vertices: I4
     edge_faces: I4
+
+    @cached_property
+    def planes(self) -> FacePlanes:
+        """Planes of the faces, for extraction by brute force: it has too few for a tree to pay."""
+        return face_planes(self.positions, self.faces)
 
     @property
     def nbytes(self) -> int:

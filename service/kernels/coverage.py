@@ -9,8 +9,6 @@ or more. Here that is decided, not hoped for: each pixel counts how often pieces
 they run. With two touches at most and no turning back in x or in y, one chain without loops crosses the pixel, the
 winding number has two neighbouring values, and the clamped integral is exact. All other pixels are doubtful and handed on
 (`coverage_pixels`), with the pieces that cross them.
-
-Pixels that are known to be covered, as something drawn inside the polygon covers them, only pass their pieces on to the right.
 """
 
 from __future__ import annotations
@@ -22,17 +20,16 @@ from numba import njit
 SUMMED = 1  # its sum has been written
 RIGHT, LEFT, DOWN, UP = 2, 4, 8, 16  # some piece runs that way
 TOUCH = 32  # three bits: pieces' ends on the border, 0..7
-DOUBTFUL = 255
-FULL = 255  # the mask of a covered pixel
+LISTED = 255  # the pixel is looked into
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cut(segments, start, width, x0, y0, y1, sums, state, known, pieces, places):
-    """Cut segments (s, 4) f8, from number `start` on, at the sides of pixels; add the pieces up and keep those that may be needed.
+def cut(segments, start, width, x0, y0, y1, sums, state, pieces, places):
+    """Cut segments (s, 4) f8, from number `start` on, at the sides of pixels into pieces, and add these up.
 
-    sums (rows, columns) f8, state (rows, columns) u1: of the pixels from (x0, y0) on; sums need not be cleared, state must be. known
-    (h, w) u1: FULL where pixels of the image are known to be covered. Rows outside y0..y1 drop out. pieces (n, 4) f8, places (n,) i4:
-    row * columns + column. Returns (how many pieces, next start): it stops when the next segment might not fit any more.
+    sums (rows, columns) f8, state (rows, columns) u1: of the pixels from (x0, y0) on; sums need not be cleared, state must be.
+    Rows outside y0..y1 drop out. pieces (n, 4) f8, places (n,) i4: row * columns + column. Returns (how many pieces, next start): it
+    stops when the next segment might not fit any more.
 
     All in one function: arrays that are handed on cost atomic reference counts, more than the work done on a piece.
     """
@@ -97,10 +94,7 @@ def cut(segments, start, width, x0, y0, y1, sums, state, known, pieces, places):
                 c = np.uint64(column - x0)
                 drop = falls * (by - ys)
                 before, now = sums[r, c], state[r, c]
-                if known[np.uint64(row), np.uint64(column)] == FULL:
-                    sums[r, c] = (before if now & SUMMED else 0.0) + drop
-                    state[r, c] = now | SUMMED
-                elif xs != bx or ys != by:
+                if xs != bx or ys != by:
                     side, top = np.float64(column), np.float64(row)
                     inside = drop * (0.5 * ((xs - side) + (bx - side)))
                     sums[r, c] = (before if now & SUMMED else 0.0) + (drop - inside)
@@ -144,24 +138,28 @@ def _simple(now):
 
 
 @njit(cache=True, nogil=True)
-def sweep(sums, state, state8, known, base, x0, y0, x1, y1, out, doubtful):
+def sweep(sums, state, state8, base, x0, y0, x1, y1, out, doubtful):
     """Sum along the rows into out (h, w) u1, which is empty; returns (how many pixels are doubtful, end of the columns written).
 
-    sums, state, known as in `cut`. Rows that are still covered at x1 are so to the end. Doubtful pixels get the state
-    DOUBTFUL, their sum in the sums and their place (row * columns + column) in doubtful. state8 is state as u8 words: where a word is
+    sums, state: of `cut`. Rows that are still covered at x1 are so to the end. Doubtful pixels get
+    their sum in the sums and their place (row * columns + column) in doubtful. state8 is state as u8 words: where a word is
     zero, eight pixels have the value of the one before.
     """
     count, end_column = 0, x1
     columns = x1 - x0
     for row in range(y1 - y0):
         total = base
-        line, covered = out[y0 + row], known[y0 + row]
+        line = out[y0 + row]
         for word in range(state8.shape[1]):
             begin = 8 * word
             end = min(begin + 8, columns)
             if state8[row, word] == 0:
                 value = np.uint8(min(max(total, 0.0), 1.0) * 255.0 + 0.5)
-                if value:
+                if value and end - begin == 8:
+                    at = np.uint64(x0 + begin)
+                    for k in range(np.uint64(8)):  # a known number of steps becomes one store
+                        line[at + k] = value
+                elif value:
                     for column in range(begin, end):
                         line[x0 + column] = value
                 continue
@@ -169,12 +167,8 @@ def sweep(sums, state, state8, known, base, x0, y0, x1, y1, out, doubtful):
                 now = state[row, column]
                 if now & SUMMED:
                     total += sums[row, column]
-                if covered[x0 + column] == FULL:
-                    line[x0 + column] = FULL
-                    continue
                 line[x0 + column] = np.uint8(min(max(total, 0.0), 1.0) * 255.0 + 0.5)
                 if not _simple(now):
-                    state[row, column] = DOUBTFUL
                     sums[row, column] = total
                     doubtful[count] = row * state.shape[1] + column
                     count += 1

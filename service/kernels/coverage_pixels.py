@@ -12,37 +12,40 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from service.kernels.coverage import DOUBTFUL
+from service.kernels.coverage import LISTED
 
 EXACT_PIECES = 8
 SLABS = 20
 LONGEST_INSERTION = 48  # longer lists are sorted by argsort
 STEEPEST = 1e5  # dx / dy up to which x = a + b y is good to NEAR
 NEAR = 1e-9  # pixels
+# rows of scratch
+HEIGHT, LOW, HIGH, AT, RUN, SIGN, LOW_X, HIGH_X, OWN, EVENT, STEP, X, SIDE, WINDING = range(14)
+ROWS = 14
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _insert(heights, n, y):
-    """Put y into the sorted heights unless it is there; returns how many there are now."""
+@njit(cache=True, nogil=True)
+def _insert(scratch, n, y):
+    """Put y into the sorted row HEIGHT of scratch unless it is there; returns how many there are now."""
     j = n
-    while j > 0 and heights[j - 1] > y:
+    while j > 0 and scratch[HEIGHT, j - 1] > y:
         j -= 1
-    if j > 0 and heights[j - 1] == y:
+    if j > 0 and scratch[HEIGHT, j - 1] == y:
         return n
     for i in range(n, j, -1):
-        heights[i] = heights[i - 1]
-    heights[j] = y
+        scratch[HEIGHT, i] = scratch[HEIGHT, i - 1]
+    scratch[HEIGHT, j] = y
     return n + 1
 
 
 @njit(cache=True, nogil=True)
-def _heights(p, begin, end, top, heights):
-    """Heights of interest of pieces p[begin:end], sorted, each once; returns how many."""
-    heights[0], heights[1] = top, top + 1.0
+def _heights(p, begin, end, top, scratch):
+    """Heights of interest of pieces p[begin:end], sorted, each once, into row HEIGHT; returns how many."""
+    scratch[HEIGHT, 0], scratch[HEIGHT, 1] = top, top + 1.0
     n = 2
     for i in range(begin, end):
-        n = _insert(heights, n, p[i, 1])
-        n = _insert(heights, n, p[i, 3])
+        n = _insert(scratch, n, p[i, 1])
+        n = _insert(scratch, n, p[i, 3])
         dx, dy = p[i, 2] - p[i, 0], p[i, 3] - p[i, 1]
         for j in range(begin, i):
             # the side of i's line that j's ends are on, and the other way round
@@ -54,213 +57,156 @@ def _heights(p, begin, end, top, heights):
             third = ex * (p[i, 1] - p[j, 1]) - ey * (p[i, 0] - p[j, 0])
             fourth = ex * (p[i, 3] - p[j, 1]) - ey * (p[i, 2] - p[j, 0])
             if third * fourth < 0.0:
-                n = _insert(heights, n, p[i, 1] + dy * (third / (third - fourth)))
+                n = _insert(scratch, n, p[i, 1] + dy * (third / (third - fourth)))
     return n
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _integral(p, i, left, top):
-    """What piece i adds to the integral of the winding number over its pixel, given that just left of the top left corner."""
-    own = (p[i, 3] - p[i, 1]) * (1.0 - 0.5 * ((p[i, 0] - left) + (p[i, 2] - left)))
-    # a chain that comes in through the left side runs to the right: below it the winding is less by one
-    if p[i, 0] == left:
-        own -= 1.0 - (p[i, 1] - top)
-    if p[i, 2] == left:
-        own += 1.0 - (p[i, 3] - top)
-    return own
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lines(p, begin, end, total, left, top, scratch):
+    """Prepare pieces p[begin:end] for the others, relative to the pixel's corner; returns (events, winding number in that corner).
 
-
-@njit(cache=True, nogil=True, inline="always")
-def _corner_winding(p, begin, end, total, left, top):
-    """Winding number just left of the pixel's top left corner: what is left of the pixel's sum without its own pieces."""
-    own = 0.0
-    for i in range(begin, end):
-        own += _integral(p, i, left, top)
-    return np.floor(total - own + 0.5)
+    Rows of scratch: LOW, HIGH heights of a piece, AT and RUN: its x = AT + y * RUN, SIGN +1 where it runs down, -1 up or 0 level;
+    HIGH_X and LOW_X: x of its ends at HIGH and LOW; OWN: what it adds to the integral of the winding number over the pixel, given
+    that just left of the pixel's top left corner; EVENT, STEP: heights and steps of the winding number on the pixel's left side. The
+    winding number in the corner is what is left of the pixel's sum without its own pieces.
+    """
+    events, rest = np.uint64(0), total
+    for i in range(np.uint64(end - begin)):
+        q = np.uint64(begin) + i
+        xa, ya, xb, yb = p[q, 0] - left, p[q, 1] - top, p[q, 2] - left, p[q, 3] - top
+        down = yb > ya
+        run = (xb - xa) / (yb - ya) if yb != ya else 0.0
+        scratch[LOW, i], scratch[HIGH, i] = min(ya, yb), max(ya, yb)
+        scratch[AT, i], scratch[RUN, i] = xa - ya * run, run
+        scratch[SIGN, i] = (yb > ya) * 1.0 - (yb < ya) * 1.0
+        scratch[LOW_X, i], scratch[HIGH_X, i] = xa if down else xb, xb if down else xa
+        # a chain that comes in through the left side runs to the right: below it the winding is less by one
+        enters, leaves = (xa == 0.0) * 1.0, (xb == 0.0) * 1.0
+        own = (yb - ya) * (1.0 - 0.5 * (xa + xb)) - enters * (1.0 - ya) + leaves * (1.0 - yb)
+        scratch[OWN, i] = own
+        rest -= own
+        scratch[EVENT, events], scratch[STEP, events] = ya, -1.0
+        events += np.uint64(xa == 0.0)
+        scratch[EVENT, events], scratch[STEP, events] = yb, 1.0
+        events += np.uint64(xb == 0.0)
+    return events, np.floor(rest + 0.5)
 
 
 @njit(cache=True, nogil=True)
 def _sort(scratch, n):
-    """Sort the first n crossings (rows 8 and 9 of scratch) by x."""
+    """Sort the first n crossings (rows X and SIDE of scratch) by x."""
     if n > LONGEST_INSERTION:
-        order = np.argsort(scratch[8, :n])
-        scratch[8, :n] = scratch[8, :n][order]
-        scratch[9, :n] = scratch[9, :n][order]
+        order = np.argsort(scratch[X, :n])
+        scratch[X, :n] = scratch[X, :n][order]
+        scratch[SIDE, :n] = scratch[SIDE, :n][order]
         return
     for i in range(1, n):
-        x, s, j = scratch[8, i], scratch[9, i], i
-        while j > 0 and scratch[8, j - 1] > x:
-            scratch[8, j], scratch[9, j] = scratch[8, j - 1], scratch[9, j - 1]
+        x, s, j = scratch[X, i], scratch[SIDE, i], i
+        while j > 0 and scratch[X, j - 1] > x:
+            scratch[X, j], scratch[SIDE, j] = scratch[X, j - 1], scratch[SIDE, j - 1]
             j -= 1
-        scratch[8, j], scratch[9, j] = x, s
+        scratch[X, j], scratch[SIDE, j] = x, s
 
 
-@njit(cache=True, nogil=True)
-def _lines(p, begin, end, top, left, scratch):
-    """Prepare pieces p[begin:end] for `_width`, relative to the pixel's corner; returns the number of events.
-
-    Rows of scratch: 1, 2 lower and upper height of a piece that is not level, 3, 4 its x = row 3 + y * row 4, 5 whether it runs
-    down (+1) or up (-1); 6, 7 events on the pixel's left side, heights and steps of the winding number.
-    """
-    events = 0
-    for i in range(begin, end):
-        xa, ya, xb, yb = p[i, 0] - left, p[i, 1] - top, p[i, 2] - left, p[i, 3] - top
-        k = i - begin
-        slope = (xb - xa) / (yb - ya) if yb != ya else 0.0
-        scratch[1, k], scratch[2, k] = min(ya, yb), max(ya, yb)
-        scratch[3, k], scratch[4, k] = xa - ya * slope, slope
-        scratch[5, k] = 1.0 if yb > ya else -1.0
-        if xa == 0.0:
-            scratch[6, events], scratch[7, events] = ya, -1.0
-            events += 1
-        if xb == 0.0:
-            scratch[6, events], scratch[7, events] = yb, 1.0
-            events += 1
-    return events
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _width(count, events, y, corner, scratch):
     """Covered width on the line y of the pixel. No branch depends on where a piece is: those would be guessed wrongly."""
-    winding, n = corner, 0
+    winding, n = corner, np.uint64(0)
     for i in range(events):
-        winding += scratch[7, i] * (scratch[6, i] < y)
-    for i in range(count):
-        scratch[8, n] = min(max(scratch[3, i] + y * scratch[4, i], 0.0), 1.0)
-        scratch[9, n] = scratch[5, i]
-        n += (scratch[1, i] < y) & (y < scratch[2, i])
+        winding += scratch[STEP, i] * (scratch[EVENT, i] < y)
+    for i in range(np.uint64(count)):
+        scratch[X, n] = min(max(scratch[AT, i] + y * scratch[RUN, i], 0.0), 1.0)
+        scratch[SIDE, n] = scratch[SIGN, i]
+        n += np.uint64((scratch[LOW, i] < y) & (y < scratch[HIGH, i]))
     if n > 1:
         _sort(scratch, n)
     covered, x = 0.0, 0.0
     for i in range(n):
-        covered += (scratch[8, i] - x) * (winding > 0.0)
-        winding += scratch[9, i]
-        x = scratch[8, i]
+        covered += (scratch[X, i] - x) * (winding > 0.0)
+        winding += scratch[SIDE, i]
+        x = scratch[X, i]
     return covered + (1.0 - x) * (winding > 0.0)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _end(p, i, lower):
-    """(x, y) of the end of piece i with the larger y, or else of the other one."""
-    if (p[i, 3] > p[i, 1]) == lower:
-        return p[i, 2], p[i, 3]
-    return p[i, 0], p[i, 1]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _beside(count, events, corner, scratch):
+    """(meetings, least): how many pieces cross or run on top of others, -1 when a piece is too flat to tell; and a lower bound of the
+    winding number in the pixel.
 
-
-@njit(cache=True, nogil=True, inline="always")
-def _drop(i, j, scratch):
-    """How much less the winding number beside piece i may be than at its middle, because it meets piece j; 0 at most.
-
-    Piece j counts where it is on the left of i, and where they meet it changes sides. Where j runs past the middle of i both
-    cases are known; else the chain of j goes on there, and a meeting changes the winding number by one.
+    Row WINDING of scratch gets the winding number just left of the middle of each piece. Every part of the pixel has a piece on its
+    border; from the middle of the piece to there the winding number beside it changes only where it meets others. Piece j counts
+    where it is on the left of i, and where they meet it changes sides: where j runs past the middle of i both cases are known, else
+    the chain of j goes on there, and a meeting changes the winding number by one.
+    Two ends at the same place are no meeting; an end within NEAR of another piece is, as its chain may go on across.
     """
-    y = 0.5 * (scratch[1, i] + scratch[2, i])
-    if not (scratch[1, j] <= y and y < scratch[2, j]):
-        return -1.0
-    beside = scratch[3, j] + y * scratch[4, j] < scratch[3, i] + y * scratch[4, i]
-    return min(scratch[5, j], 0.0) - scratch[5, j] * beside
-
-
-@njit(cache=True, nogil=True)
-def _meetings(p, begin, count, scratch):
-    """Pairs of pieces that cross or run on top of each other, and in row 10 of scratch what `_drop` says of each piece.
-
-    Two ends at the same place do not count; an end as near as that to another piece does, as the chain may go on across it.
-    -1 when a piece is too flat to tell.
-    """
-    scratch[10, :count] = 0.0
-    total = 0
-    for i in range(count):
-        if not abs(scratch[4, i]) < STEEPEST or scratch[1, i] == scratch[2, i]:
-            return -1
-        for j in range(i):
-            low, high = max(scratch[1, i], scratch[1, j]), min(scratch[2, i], scratch[2, j])
-            if low >= high:
-                continue
-            shift, slope = scratch[3, i] - scratch[3, j], scratch[4, i] - scratch[4, j]
-            above, below = shift + slope * low, shift + slope * high
-            meet = not ((above > NEAR or below > NEAR) and above > -NEAR and below > -NEAR)
-            meet &= not ((above < -NEAR or below < -NEAR) and above < NEAR and below < NEAR)
-            if not meet and abs(above) <= NEAR:
-                meet = _end(p, begin + i, False) != _end(p, begin + j, False)
-            if not meet and abs(below) <= NEAR:
-                meet = _end(p, begin + i, True) != _end(p, begin + j, True)
-            if meet:
-                total += 1
-                scratch[10, i] += _drop(i, j, scratch)
-                scratch[10, j] += _drop(j, i, scratch)
-    return total
-
-
-@njit(cache=True, nogil=True)
-def _windings(count, events, corner, scratch):
-    """Row 11 of scratch: the winding number just left of the middle of each piece."""
-    for i in range(count):
-        y = 0.5 * (scratch[1, i] + scratch[2, i])
-        x = scratch[3, i] + y * scratch[4, i]
-        winding = corner
+    meetings, least, flat = 0, np.inf, False
+    for i in range(np.uint64(count)):
+        low_i, high_i, at_i, run_i, sign_i = scratch[LOW, i], scratch[HIGH, i], scratch[AT, i], scratch[RUN, i], scratch[SIGN, i]
+        low_x, high_x = scratch[LOW_X, i], scratch[HIGH_X, i]
+        flat |= (not abs(run_i) < STEEPEST) | (low_i == high_i)
+        y = 0.5 * (low_i + high_i)
+        x = at_i + y * run_i
+        winding, drop = corner, 0.0
         for e in range(events):
-            winding += scratch[7, e] * (scratch[6, e] <= y)
-        for j in range(count):
-            beside = (scratch[1, j] <= y) & (y < scratch[2, j]) & (scratch[3, j] + y * scratch[4, j] < x)
-            winding += scratch[5, j] * (beside & (i != j))
-        scratch[11, i] = winding
+            winding += scratch[STEP, e] * (scratch[EVENT, e] <= y)
+        for j in range(np.uint64(count)):
+            low_j, high_j, sign_j = scratch[LOW, j], scratch[HIGH, j], scratch[SIGN, j]
+            low, high = max(low_i, low_j), min(high_i, high_j)
+            shift, slope = at_i - scratch[AT, j], run_i - scratch[RUN, j]
+            above, below = shift + slope * low, shift + slope * high
+            least_gap, most_gap = min(above, below), max(above, below)
+            meet = not ((most_gap > NEAR) & (least_gap > -NEAR)) | ((least_gap < -NEAR) & (most_gap < NEAR))
+            meet |= (abs(above) <= NEAR) & ((low_i != low_j) | (low_x != scratch[LOW_X, j]))
+            meet |= (abs(below) <= NEAR) & ((high_i != high_j) | (high_x != scratch[HIGH_X, j]))
+            meet &= (low < high) & (i != j)
+            past = (low_j <= y) & (y < high_j)
+            left = past & (scratch[AT, j] + y * scratch[RUN, j] < x) & (i != j)
+            winding += sign_j * left
+            drop += meet * ((min(sign_j, 0.0) - sign_j * left) * past - 1.0 * (not past))
+            meetings += meet
+        scratch[WINDING, i] = winding
+        least = min(least, winding + min(sign_i, 0.0) + drop)
+    return (-1 if flat else meetings), least
 
 
-@njit(cache=True, nogil=True)
-def _least_winding(count, scratch):
-    """A lower bound of the winding number in the pixel.
-
-    Every part of the pixel has a piece on its border. From the middle of the piece to there the winding number beside it
-    changes only where the piece meets others.
-    """
-    least = np.inf
-    for i in range(count):
-        least = min(least, scratch[11, i] + min(scratch[5, i], 0.0) + scratch[10, i])
-    return least
-
-
-@njit(cache=True, nogil=True)
-def _area_between(p, begin, end, top, left, corner, scratch):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _area_between(count, corner, scratch):
     """Covered area of a pixel whose pieces do not meet: the integral of the winding number over the pieces that bound it.
 
     Along a piece that meets no other the winding number on either side is the same from end to end. Pieces with 0 on one side
     and 1 on the other are the border of what is covered.
     """
     area = 1.0 if corner > 0.0 else 0.0
-    for i in range(end - begin):
-        if min(scratch[11, i], scratch[11, i] + scratch[5, i]) == 0.0:
-            area += _integral(p, begin + i, left, top)
+    for i in range(np.uint64(count)):
+        winding = scratch[WINDING, i]
+        area += scratch[OWN, i] * (min(winding, winding + scratch[SIGN, i]) == 0.0)
     return area
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def covered_area(p, begin, end, total, left, top, scratch):
     """Area of the pixel (left, top) in which the winding number is positive.
 
-    p[begin:end] (k, 4) f8: its pieces. total: the integral of the winding number over the pixel. scratch: (12, n) f8, n at
-    least 2 k and at least 2 + 2 m + m^2 with m = min(k, EXACT_PIECES).
+    p[begin:end] (k, 4) f8: its pieces. total: the integral of the winding number over the pixel. scratch: (ROWS, n) f8, n at
+    least 2 k + 1 and at least 2 + 2 m + m^2 with m = min(k, EXACT_PIECES).
     """
     count = end - begin
-    corner = _corner_winding(p, begin, end, total, left, top)
-    events = _lines(p, begin, end, top, left, scratch)
-    meetings = _meetings(p, begin, count, scratch)
+    events, corner = _lines(p, begin, end, total, left, top, scratch)
+    meetings, least = _beside(count, events, corner, scratch)
     if meetings >= 0:
-        _windings(count, events, corner, scratch)
-        if _least_winding(count, scratch) > 0.0:
+        if least > 0.0:
             return 1.0
         if meetings == 0:
-            return _area_between(p, begin, end, top, left, corner, scratch)
+            return _area_between(count, corner, scratch)
     area = 0.0
     if count > EXACT_PIECES:
         for i in range(SLABS):
             area += _width(count, events, (i + 0.5) / SLABS, corner, scratch)
         return area / SLABS
-    heights = scratch[0]
-    n = _heights(p, begin, end, top, heights)
+    n = _heights(p, begin, end, top, scratch)
     for i in range(n - 1):
-        y = 0.5 * ((heights[i] - top) + (heights[i + 1] - top))
-        area += _width(count, events, y, corner, scratch) * (heights[i + 1] - heights[i])
+        y = 0.5 * ((scratch[HEIGHT, i] - top) + (scratch[HEIGHT, i + 1] - top))
+        area += _width(count, events, y, corner, scratch) * (scratch[HEIGHT, i + 1] - scratch[HEIGHT, i])
     return area
 
 
@@ -268,15 +214,15 @@ def covered_area(p, begin, end, total, left, top, scratch):
 def gather(pieces, places, state, doubtful, number, offsets, own):
     """Sort the pieces of doubtful pixels by pixel into own (n, 4) f8: pixel d has own[offsets[d]:offsets[d + 1]].
 
-    pieces (n, 4) f8, places (n,) i4, state: of `coverage.cut`. doubtful (d,) i4: places. offsets (d + 2,) i4. number: scratch (i4) of the
-    size of state. Returns the largest number of pieces of a pixel.
+    pieces (n, 4) f8, places (n,) i4, state (flat): of `coverage.cut`. doubtful (d,) i4: places, the pixels to look
+    into. offsets (d + 2,) i4. number: scratch (i4) of the size of state. Returns the largest number of pieces of a pixel.
     """
-    flat = state.reshape(-1)
     offsets[:] = 0
     for d in range(doubtful.shape[0]):
         number[doubtful[d]] = d
+        state[doubtful[d]] = LISTED
     for i in range(pieces.shape[0]):
-        if flat[places[i]] == DOUBTFUL:
+        if state[places[i]] == LISTED:
             offsets[number[places[i]] + 2] += 1
     most = 1
     for d in range(doubtful.shape[0]):
@@ -284,7 +230,7 @@ def gather(pieces, places, state, doubtful, number, offsets, own):
         offsets[d + 2] += offsets[d + 1]
     # offsets[d + 1] is where the next piece of pixel d goes, and ends as where those of d + 1 begin
     for i in range(pieces.shape[0]):
-        if flat[places[i]] == DOUBTFUL:
+        if state[places[i]] == LISTED:
             d = number[places[i]]
             place = offsets[d + 1]
             own[place, 0], own[place, 1], own[place, 2], own[place, 3] = pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3]
@@ -296,7 +242,7 @@ def gather(pieces, places, state, doubtful, number, offsets, own):
 def resolve(pieces, offsets, most, doubtful, sums, columns, mask, x0, y0):
     """Replace the mask of every doubtful pixel by its covered area. sums: flat, `columns` numbers a row; the rest as `gather`."""
     few = min(most, EXACT_PIECES)
-    scratch = np.empty((12, max(2 * most + 1, 2 + 2 * few + few * few)))
+    scratch = np.empty((ROWS, max(2 * most + 1, 2 + 2 * few + few * few)))
     for d in range(doubtful.shape[0]):
         row, column = doubtful[d] // columns, doubtful[d] % columns
         left, top = np.float64(x0 + column), np.float64(y0 + row)

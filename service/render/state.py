@@ -22,6 +22,7 @@ from service.render.programs import Programs
 from service.render.targets import Target, Targets
 from service.scratch import ThreadScratch
 from service.silhouette.contours import Contours
+from service.silhouette.coverage import NOTHING
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import LevelInView
 from service.silhouette.smooth import SmoothContours
@@ -171,8 +172,8 @@ class FrameState:
     edges: I4 = field(default_factory=lambda: np.empty((0, 2), np.int32))
     contours: Contours | None = None
     triangles: I4 = field(default_factory=lambda: np.empty((0, 3), np.int32))
-    segments: F8 = field(default_factory=lambda: np.empty((0, 4)))
-    core: F8 | None = None
+    segments: F8 = field(default_factory=lambda: NOTHING)
+    core: F8 = field(default_factory=lambda: NOTHING)
     smooth: SmoothContours | None = None
     mask: U1 | None = None
     area: Tile = Tile(0, 0, 0, 0)

@@ -11,15 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from schemas.conventions import F8, U1, Array
-from service.kernels import coverage as kernels
-from service.kernels import coverage_pixels
+from schemas.conventions import F8, U1
+from service.kernels.coverage import extent
+from service.kernels.coverage_rows import cover, scratch_sizes
 from service.scratch import ThreadScratch
 
 MOST_PIECES = 1 << 20
 """Pieces of edges held at a time: 40 MiB. Images with more are drawn in several goes."""
 FARTHEST_PX = 1e150
 """Coordinates beyond this would overflow in products."""
+
+NOTHING: F8 = np.empty((0, 4))
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ def coverage_mask(
     out: U1 | None = None,
     base: int = 0,
     *,
-    known: U1 | None = None,
+    inside: F8 = NOTHING,
     rows: tuple[int, int] | None = None,
 ) -> Coverage:
     """Covered area of each pixel of a width x height image, from the segments of `project_edges`.
@@ -55,7 +57,8 @@ def coverage_mask(
     rounded to 1/255, but in pixels with more than 8 pieces of edges (sampled at 20 heights) and, where more than
     MOST_PIECES pixels and edges meet, in pixels that go from no layer to several (they may come out too full).
     out: (h, w) u1 C-contiguous, overwritten. base: added to the winding number everywhere (`surrounding_layers`).
-    known: (h, w) u1, the mask of something that lies inside what is covered: pixels that are full in it are not looked into.
+    inside: (i, 4) f8, segments of something that lies inside what is covered: where many pixels are doubtful, those that it covers are
+    full without a look into them.
     rows: (first, end), half-open: only these are written. The kernels release the interpreter lock. Raises ValueError for segments
     that are not finite.
     """
@@ -64,39 +67,26 @@ def coverage_mask(
         out = np.zeros((height, width), np.uint8)
     first, end = rows or (0, height)
     out[first:end] = 0
-    x0, y0, x1, y1, most = _bounds(lines, width, (first, end))
+    x0, y0, x1, y1, room = _bounds(lines, inside, width, (first, end))
     if base != 0:
         x0, y0, x1, y1 = 0, first, width, end
     if x0 >= x1 or y0 >= y1:
         return Coverage(out, (0, 0, 0, 0), 0)
-    known = out if known is None else known
-    shape = (y1 - y0, (x1 - x0 + 8) // 8 * 8)
-    sums, state = _scratch.array("sums", shape, np.float64), _scratch.array("state", shape, np.uint8)
-    state[...] = 0
-    room = min(MOST_PIECES, most)
-    pieces, places = _scratch.array("pieces", (room, 4), np.float64), _scratch.array("places", (room,), np.int32)
-    start, goes, count = 0, 0, 0
-    while start < len(lines):
-        count, start = kernels.cut(lines, start, width, x0, y0, y1, sums, state, known, pieces, places)
-        goes += 1
-    doubtful = _scratch.array("doubtful", (min(room * goes, state.size),), np.int32)
-    found, last = kernels.sweep(sums, state, state.view(np.uint64), known, float(base), x0, y0, x1, y1, out, doubtful)
-    if found and goes == 1:
-        _resolve(pieces[:count], places[:count], (x0, y0), sums, state, doubtful[:found], out)
+    size = (y1 - y0) * ((x1 - x0 + 8) // 8 * 8)
+    needed = scratch_sizes(size, room)
+    floats, ints = _scratch.array("floats", (needed[0],), np.float64), _scratch.array("ints", (needed[1],), np.int32)
+    state = _scratch.array("state", (needed[2],), np.uint8)
+    found, last = cover(lines, width, x0, y0, x1, y1, float(base), inside, out, room, floats, ints, state, state.view(np.uint64))
     return Coverage(out, (x0, y0, last, y1), found)
 
 
-def _resolve(pieces: Array, places: Array, corner: tuple[int, int], sums: Array, state: Array, doubtful: Array, out: U1) -> None:
-    """Give the doubtful pixels their covered area, from the pieces that cross them."""
-    number, offsets = _scratch.array("number", (state.size,), np.int32), _scratch.array("offsets", (len(doubtful) + 2,), np.int32)
-    own = _scratch.array("own", pieces.shape, np.float64)
-    most = coverage_pixels.gather(pieces, places, state, doubtful, number, offsets, own)
-    coverage_pixels.resolve(own, offsets, most, doubtful, sums.reshape(-1), state.shape[1], out, *corner)
-
-
-def _bounds(lines: F8, width: int, rows: tuple[int, int]) -> tuple[int, int, int, int, int]:
-    """The pixels of these rows that the lines can touch, and the first column when they are left of the image; most pieces."""
-    low_x, low_y, high_x, high_y, most = kernels.extent(lines, width, *rows)
+def _bounds(lines: F8, inside: F8, width: int, rows: tuple[int, int]) -> tuple[int, int, int, int, int]:
+    """The pixels of these rows that either can touch, and the first column when they are left of the image; most pieces."""
+    low_x, low_y, high_x, high_y, most = extent(lines, width, *rows)
+    if len(inside):
+        other = extent(inside, width, *rows)
+        if other[4] > 0.0:
+            low_x, high_x, most = min(low_x, other[0]), max(high_x, other[2]), max(most, other[4])
     if not max(-low_x, -low_y, high_x, high_y) <= FARTHEST_PX:
         raise ValueError("segments must be finite")
     x0, y0 = int(min(max(low_x, 0.0), width)), int(min(max(low_y, rows[0]), rows[1]))

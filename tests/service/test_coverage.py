@@ -41,8 +41,8 @@ def allowed(segments, width, height):
     """Largest error of each pixel: rounding, but a slab for each piece where there are too many pieces to be exact."""
     pieces, places = np.empty((1000, 4)), np.empty(1000, np.int32)
     columns = width + 1
-    sums, state, known = np.zeros((height, columns)), np.zeros((height, columns), np.uint8), np.zeros((height, width), np.uint8)
-    count, _ = cut(segments, 0, width, 0, 0, height, sums, state, known, pieces, places)
+    sums, state = np.zeros((height, columns)), np.zeros((height, columns), np.uint8)
+    count, _ = cut(segments, 0, width, 0, 0, height, sums, state, pieces, places)
     crossed = np.bincount(places[:count], minlength=height * columns).reshape(height, columns)[:, :width]
     return np.where(crossed > EXACT_PIECES, crossed / SLABS, ROUNDING)
 
@@ -108,7 +108,7 @@ def test_pixels_with_many_pieces_stay_within_their_sampling(seed):
     rng = np.random.default_rng(seed)
     segments = np.concatenate([polygon(*rng.uniform(0.0, 2.0, (3, 2))) for _ in range(9)])
     mask = coverage_mask(segments, 2, 2).mask
-    assert np.abs(mask / 255.0 - positive_area(segments, 2, 2)).max() <= 2 / coverage.coverage_pixels.SLABS
+    assert np.abs(mask / 255.0 - positive_area(segments, 2, 2)).max() <= 2 / SLABS
 
 
 def test_an_image_is_a_window_on_a_larger_one():

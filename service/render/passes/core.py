@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from geometry.silhouettes import silhouette_scalar
+from geometry.silhouettes import silhouette_simd
 from service.render.passes.segments import as_seen
 from service.render.state import FrameState
 from service.silhouette.project import project_edges
@@ -13,5 +13,5 @@ def outline_core(frame: FrameState) -> None:
     core = frame.asset.core
     if core is None:
         return
-    edges = silhouette_scalar(core.positions, core.faces, core.edge_vertices, core.edge_faces, frame.view.eye)
+    edges = silhouette_simd(core.planes, core.positions, core.faces, core.edge_vertices, core.edge_faces, frame.view.eye)
     frame.core = project_edges(frame.view, core.positions, as_seen(frame, edges))

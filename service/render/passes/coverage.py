@@ -27,9 +27,4 @@ def make_coverage(frame: FrameState) -> None:
 
 def _cover(frame: FrameState, mask: U1, rows: tuple[int, int]) -> None:
     """Write rows of the mask."""
-    width, height = frame.view.width, frame.view.height
-    known = None
-    if frame.core is not None:
-        known = frame.gpu.scratch.array("core", (height, width), np.uint8)
-        coverage_mask(frame.core, width, height, known, rows=rows)
-    coverage_mask(frame.segments, width, height, mask, known=known, rows=rows)
+    coverage_mask(frame.segments, frame.view.width, frame.view.height, mask, inside=frame.core, rows=rows)
