@@ -13,7 +13,6 @@ import numpy as np
 
 from backend.artifacts import open_artifact
 from backend.store import Store
-from geometry.silhouettes import FacePlanes, face_planes
 from geometry.topology import EdgeTable, build_edges
 from schemas import artifacts, keys
 from schemas.conventions import F4, F8, I4, Array, Frame
@@ -29,26 +28,6 @@ CLIP, LEVELS = "clip", "levels"
 
 
 @dataclass(frozen=True)
-class MeshCore:
-    """A closed surface inside a mesh: positions (v, 3) f4, faces (f, 3) i4, edge_vertices and edge_faces (e, 2) i4."""
-
-    positions: F4
-    faces: I4
-    edge_vertices: I4
-    edge_faces: I4
-
-    @cached_property
-    def planes(self) -> FacePlanes:
-        """Planes of the faces, for extraction by brute force: it has too few for a tree to pay."""
-        return face_planes(self.positions, self.faces)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of all arrays."""
-        return sum(a.nbytes for a in (self.positions, self.faces, self.edge_vertices, self.edge_faces))
-
-
-@dataclass(frozen=True)
 class MeshAsset:
     """A mesh that is ready, in its normalised frame. The dictionaries hold the tensors of `schemas.artifacts` by name.
 
@@ -56,7 +35,7 @@ class MeshAsset:
     edges: (edge_vertices, edge_faces) of a closed oriented mesh. hull: HULL, maps: MAPS, tree: its silhouette tree; all None
     when the mesh is not clippable. clip: whether it is, and why not.
     normal_vertices (n,) i4, corner_normals (f, 3) i4: as in MESH; None when vertex i has the one normal i.
-    levels: hulls that may stand for it in far views, finest first. core: a coarse hull inside it, where it has one.
+    levels: hulls that may stand for it in far views, finest first.
     """
 
     id: str
@@ -73,7 +52,6 @@ class MeshAsset:
     normal_vertices: I4 | None = None
     corner_normals: I4 | None = None
     levels: tuple[SilhouetteLevel, ...] = ()
-    core: MeshCore | None = None
 
     @property
     def normal_positions(self) -> F4:

@@ -16,7 +16,8 @@ from service.kernels.coverage import LISTED
 
 EXACT_PIECES = 8
 SLABS = 20
-LONGEST_INSERTION = 48  # longer lists are sorted by argsort
+LANES = 4  # numbers in a register
+ANY_ORDER = {"reassoc", "nnan", "nsz"}  # sums of whole numbers, which come out the same in any order
 STEEPEST = 1e5  # dx / dy up to which x = a + b y is good to NEAR
 NEAR = 1e-9  # pixels
 # rows of scratch
@@ -92,25 +93,21 @@ def _lines(p, begin, end, total, left, top, scratch):
     return events, np.floor(rest + 0.5)
 
 
-@njit(cache=True, nogil=True)
-def _sort(scratch, n):
-    """Sort the first n crossings (rows X and SIDE of scratch) by x."""
-    if n > LONGEST_INSERTION:
-        order = np.argsort(scratch[X, :n])
-        scratch[X, :n] = scratch[X, :n][order]
-        scratch[SIDE, :n] = scratch[SIDE, :n][order]
-        return
-    for i in range(1, n):
-        x, s, j = scratch[X, i], scratch[SIDE, i], i
-        while j > 0 and scratch[X, j - 1] > x:
-            scratch[X, j], scratch[SIDE, j] = scratch[X, j - 1], scratch[SIDE, j - 1]
-            j -= 1
-        scratch[X, j], scratch[SIDE, j] = x, s
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=ANY_ORDER)
+def _winding_left_of(x, i, n, scratch):
+    """What the crossings before crossing i, at x, add to the winding number: those further left, and of those at x the first."""
+    winding = 0.0
+    for j in range(n):
+        winding += scratch[SIDE, j] if (scratch[X, j] < x) | ((scratch[X, j] == x) & (j < i)) else 0.0
+    return winding
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _width(count, events, y, corner, scratch):
-    """Covered width on the line y of the pixel. No branch depends on where a piece is: those would be guessed wrongly."""
+    """Covered width on the line y of the pixel: where the winding number becomes positive and where it ceases to be.
+
+    No branch depends on where a piece is, and nothing is sorted: those branches would be guessed wrongly.
+    """
     winding, n = corner, np.uint64(0)
     for i in range(events):
         winding += scratch[STEP, i] * (scratch[EVENT, i] < y)
@@ -118,55 +115,73 @@ def _width(count, events, y, corner, scratch):
         scratch[X, n] = min(max(scratch[AT, i] + y * scratch[RUN, i], 0.0), 1.0)
         scratch[SIDE, n] = scratch[SIGN, i]
         n += np.uint64((scratch[LOW, i] < y) & (y < scratch[HIGH, i]))
-    if n > 1:
-        _sort(scratch, n)
-    covered, x = 0.0, 0.0
+    covered, last = 0.0, winding
     for i in range(n):
-        covered += (scratch[X, i] - x) * (winding > 0.0)
-        winding += scratch[SIDE, i]
-        x = scratch[X, i]
-    return covered + (1.0 - x) * (winding > 0.0)
+        x, step = scratch[X, i], scratch[SIDE, i]
+        before = winding + _winding_left_of(x, i, n, scratch)
+        covered += x * ((before > 0.0) * 1.0 - (before + step > 0.0) * 1.0)
+        last += step
+    return covered + (last > 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=ANY_ORDER)
+def _against(i, n, y, x, scratch):
+    """Piece i against all others: (winding number that those left of its middle (x, y) add, the least that meetings add to the
+    winding number beside it, how many meetings).
+
+    Piece j counts where it is on the left of i, and where they meet it changes sides: where j runs past the middle of i both cases are
+    known, else the chain of j goes on there, and a meeting changes the winding number by one. Two ends at the same place are no meeting;
+    an end within NEAR of another piece is, as its chain may go on across.
+    """
+    low_i, high_i, at_i, run_i = scratch[LOW, i], scratch[HIGH, i], scratch[AT, i], scratch[RUN, i]
+    low_x, high_x = scratch[LOW_X, i], scratch[HIGH_X, i]
+    winding = least = meetings = 0.0
+    for j in range(n):
+        low_j, high_j, sign_j = scratch[LOW, j], scratch[HIGH, j], scratch[SIGN, j]
+        low, high = max(low_i, low_j), min(high_i, high_j)
+        shift, slope = at_i - scratch[AT, j], run_i - scratch[RUN, j]
+        above, below = shift + slope * low, shift + slope * high
+        least_gap, most_gap = min(above, below), max(above, below)
+        meet = ~(((most_gap > NEAR) & (least_gap > -NEAR)) | ((least_gap < -NEAR) & (most_gap < NEAR)))
+        meet |= (abs(above) <= NEAR) & ((low_i != low_j) | (low_x != scratch[LOW_X, j]))
+        meet |= (abs(below) <= NEAR) & ((high_i != high_j) | (high_x != scratch[HIGH_X, j]))
+        meet &= (low < high) & (i != j)
+        past = (low_j <= y) & (y < high_j)
+        counted = sign_j if past & (scratch[AT, j] + y * scratch[RUN, j] < x) & (i != j) else 0.0
+        winding += counted
+        change = min(sign_j, 0.0) - counted if past else -1.0
+        least += change if meet else 0.0
+        meetings += 1.0 if meet else 0.0
+    return winding, least, meetings
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _beside(count, events, corner, scratch):
-    """(meetings, least): how many pieces cross or run on top of others, -1 when a piece is too flat to tell; and a lower bound of the
-    winding number in the pixel.
+    """(meetings, least): twice how many pairs of pieces cross or run on top of each other, -1 when a piece is too flat to tell; and a
+    lower bound of the winding number in the pixel.
 
     Row WINDING of scratch gets the winding number just left of the middle of each piece. Every part of the pixel has a piece on its
-    border; from the middle of the piece to there the winding number beside it changes only where it meets others. Piece j counts
-    where it is on the left of i, and where they meet it changes sides: where j runs past the middle of i both cases are known, else
-    the chain of j goes on there, and a meeting changes the winding number by one.
-    Two ends at the same place are no meeting; an end within NEAR of another piece is, as its chain may go on across.
+    border; from the middle of the piece to there the winding number beside it changes only where it meets others.
     """
-    meetings, least, flat = 0, np.inf, False
+    meetings, least = 0.0, np.inf
+    n = np.uint64(count if count < LANES else (count + LANES - 1) // LANES * LANES)
+    for i in range(np.uint64(count), n):  # filled up, as lanes are compared together, with pieces that nothing meets
+        scratch[LOW, i], scratch[HIGH, i], scratch[AT, i], scratch[RUN, i] = 4.0, -4.0, 0.0, 0.0
+        scratch[SIGN, i], scratch[LOW_X, i], scratch[HIGH_X, i] = 0.0, 0.0, 0.0
     for i in range(np.uint64(count)):
-        low_i, high_i, at_i, run_i, sign_i = scratch[LOW, i], scratch[HIGH, i], scratch[AT, i], scratch[RUN, i], scratch[SIGN, i]
-        low_x, high_x = scratch[LOW_X, i], scratch[HIGH_X, i]
-        flat |= (not abs(run_i) < STEEPEST) | (low_i == high_i)
-        y = 0.5 * (low_i + high_i)
-        x = at_i + y * run_i
-        winding, drop = corner, 0.0
+        if not abs(scratch[RUN, i]) < STEEPEST or scratch[LOW, i] == scratch[HIGH, i]:
+            return -1.0, least
+        y = 0.5 * (scratch[LOW, i] + scratch[HIGH, i])
+        x = scratch[AT, i] + y * scratch[RUN, i]
+        winding = corner
         for e in range(events):
             winding += scratch[STEP, e] * (scratch[EVENT, e] <= y)
-        for j in range(np.uint64(count)):
-            low_j, high_j, sign_j = scratch[LOW, j], scratch[HIGH, j], scratch[SIGN, j]
-            low, high = max(low_i, low_j), min(high_i, high_j)
-            shift, slope = at_i - scratch[AT, j], run_i - scratch[RUN, j]
-            above, below = shift + slope * low, shift + slope * high
-            least_gap, most_gap = min(above, below), max(above, below)
-            meet = not ((most_gap > NEAR) & (least_gap > -NEAR)) | ((least_gap < -NEAR) & (most_gap < NEAR))
-            meet |= (abs(above) <= NEAR) & ((low_i != low_j) | (low_x != scratch[LOW_X, j]))
-            meet |= (abs(below) <= NEAR) & ((high_i != high_j) | (high_x != scratch[HIGH_X, j]))
-            meet &= (low < high) & (i != j)
-            past = (low_j <= y) & (y < high_j)
-            left = past & (scratch[AT, j] + y * scratch[RUN, j] < x) & (i != j)
-            winding += sign_j * left
-            drop += meet * ((min(sign_j, 0.0) - sign_j * left) * past - 1.0 * (not past))
-            meetings += meet
+        added, change, met = _against(i, n, y, x, scratch)
+        winding += added
+        meetings += met
         scratch[WINDING, i] = winding
-        least = min(least, winding + min(sign_i, 0.0) + drop)
-    return (-1 if flat else meetings), least
+        least = min(least, winding + min(scratch[SIGN, i], 0.0) + change)
+    return meetings, least
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -188,7 +203,7 @@ def covered_area(p, begin, end, total, left, top, scratch):
     """Area of the pixel (left, top) in which the winding number is positive.
 
     p[begin:end] (k, 4) f8: its pieces. total: the integral of the winding number over the pixel. scratch: (ROWS, n) f8, n at
-    least 2 k + 1 and at least 2 + 2 m + m^2 with m = min(k, EXACT_PIECES).
+    least 2 k + LANES and at least 2 + 2 m + m^2 with m = min(k, EXACT_PIECES).
     """
     count = end - begin
     events, corner = _lines(p, begin, end, total, left, top, scratch)
@@ -242,7 +257,7 @@ def gather(pieces, places, state, doubtful, number, offsets, own):
 def resolve(pieces, offsets, most, doubtful, sums, columns, mask, x0, y0):
     """Replace the mask of every doubtful pixel by its covered area. sums: flat, `columns` numbers a row; the rest as `gather`."""
     few = min(most, EXACT_PIECES)
-    scratch = np.empty((ROWS, max(2 * most + 1, 2 + 2 * few + few * few)))
+    scratch = np.empty((ROWS, max(2 * most + LANES, 2 + 2 * few + few * few)))
     for d in range(doubtful.shape[0]):
         row, column = doubtful[d] // columns, doubtful[d] % columns
         left, top = np.float64(x0 + column), np.float64(y0 + row)

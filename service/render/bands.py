@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 from service.render.state import Tile
 from service.threads import cores
@@ -23,4 +24,4 @@ def bands_of(area: Tile) -> list[Tile]:
     count = min(BANDS_A_CORE * cores(), pixels // LEAST_PIXELS) if cores() > 1 else 1
     count = min(max(count, math.ceil(pixels / MOST_PIXELS), 1), area.height)
     edges = [area.y + area.height * i // count for i in range(count + 1)]
-    return [Tile(area.x, low, area.width, high - low) for low, high in zip(edges, edges[1:], strict=False)]
+    return [Tile(area.x, low, area.width, high - low) for low, high in pairwise(edges)]

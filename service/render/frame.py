@@ -17,7 +17,6 @@ from service.render.bands import bands_of
 from service.render.passes.background import make_background
 from service.render.passes.clear import clear_target
 from service.render.passes.composite import compose
-from service.render.passes.core import outline_core
 from service.render.passes.coverage import make_coverage
 from service.render.passes.edges import find_edges
 from service.render.passes.hull import place_hull
@@ -54,7 +53,6 @@ FRAME = (
     Pass("edges", find_edges),
     Pass("loops", make_loops),
     Pass("segments", project_segments),
-    Pass("core", outline_core),
     Pass("smooth", smooth_outline),
     Pass("hull", place_hull),
     Pass("clear", clear_target, each_tile=True, draws=True),
@@ -149,7 +147,8 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
 
 def _draw_tiles(frame: FrameState, steps: list[Pass], times: Timed) -> None:
     """One tile after the other."""
-    for frame.tile in tiles_of(frame.plan, frame.area):
+    for tile in tiles_of(frame.plan, frame.area):
+        frame.tile = tile
         for step in steps:
             times.run(step.name, step.make, frame, draws=step.draws and not frame.plan.on_cpu)
 
@@ -157,7 +156,7 @@ def _draw_tiles(frame: FrameState, steps: list[Pass], times: Timed) -> None:
 def _draw_bands(frame: FrameState, steps: list[Pass], times: Timed) -> None:
     """Bands of rows side by side: each has the frame to itself but for the image and the mask, of which it writes its own rows."""
     start = time.perf_counter()
-    frame.mask = frame.gpu.scratch.array("mask", (frame.view.height, frame.view.width), np.uint8)
+    frame.mask = np.asarray(frame.gpu.scratch.array("mask", (frame.view.height, frame.view.width), np.uint8), np.uint8)
 
     def draw(band: Tile) -> dict[str, float]:
         own, took = replace(frame, tile=band), Timed(frame.gpu, wait_each=False)

@@ -21,7 +21,7 @@ DRAWN = frozenset({"clear", "read", "composite"})
 SILHOUETTE: dict[Antialias, frozenset[str]] = {
     Antialias.NONE: frozenset({"edges", "loops", "stencil"}),
     Antialias.LINE: frozenset({"edges", "loops", "stencil", "segments", "outline", "interior"}),
-    Antialias.COVERAGE: frozenset({"edges", "segments", "core", "coverage"}),
+    Antialias.COVERAGE: frozenset({"edges", "segments", "coverage"}),
 }
 """Passes that make the exact outline, by rung."""
 
@@ -113,8 +113,6 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
     mode = request.shading.mode
     outlined = source is Source.CLIPPED or antialias is Antialias.COVERAGE
     passes = ALWAYS | (SILHOUETTE[antialias] if outlined else frozenset())
-    if asset.core is None:
-        passes -= {"core"}
     if outlined and mode is ShadingMode.MASK:
         passes |= _bare_mask(antialias)
     else:

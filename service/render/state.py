@@ -22,7 +22,6 @@ from service.render.programs import Programs
 from service.render.targets import Target, Targets
 from service.scratch import ThreadScratch
 from service.silhouette.contours import Contours
-from service.silhouette.coverage import NOTHING
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import LevelInView
 from service.silhouette.smooth import SmoothContours
@@ -158,7 +157,7 @@ class Tile:
 class FrameState:
     """One frame under way. background: sRGB bytes, None when transparent. area: the part of the image that can have anything
     of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn. level: what the outline
-    is taken from, None for the mesh itself. segments, core: (n, 4) f8 pixels, the outline of that and of the mesh's core.
+    is taken from, None for the mesh itself.
     """
 
     gpu: Gpu
@@ -172,8 +171,7 @@ class FrameState:
     edges: I4 = field(default_factory=lambda: np.empty((0, 2), np.int32))
     contours: Contours | None = None
     triangles: I4 = field(default_factory=lambda: np.empty((0, 3), np.int32))
-    segments: F8 = field(default_factory=lambda: NOTHING)
-    core: F8 = field(default_factory=lambda: NOTHING)
+    segments: F8 = field(default_factory=lambda: np.empty((0, 4)))
     smooth: SmoothContours | None = None
     mask: U1 | None = None
     area: Tile = Tile(0, 0, 0, 0)

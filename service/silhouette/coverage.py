@@ -21,8 +21,6 @@ MOST_PIECES = 1 << 20
 FARTHEST_PX = 1e150
 """Coordinates beyond this would overflow in products."""
 
-NOTHING: F8 = np.empty((0, 4))
-
 
 @dataclass(frozen=True)
 class Coverage:
@@ -47,7 +45,6 @@ def coverage_mask(
     out: U1 | None = None,
     base: int = 0,
     *,
-    inside: F8 = NOTHING,
     rows: tuple[int, int] | None = None,
 ) -> Coverage:
     """Covered area of each pixel of a width x height image, from the segments of `project_edges`.
@@ -57,8 +54,6 @@ def coverage_mask(
     rounded to 1/255, but in pixels with more than 8 pieces of edges (sampled at 20 heights) and, where more than
     MOST_PIECES pixels and edges meet, in pixels that go from no layer to several (they may come out too full).
     out: (h, w) u1 C-contiguous, overwritten. base: added to the winding number everywhere (`surrounding_layers`).
-    inside: (i, 4) f8, segments of something that lies inside what is covered: where many pixels are doubtful, those that it covers are
-    full without a look into them.
     rows: (first, end), half-open: only these are written. The kernels release the interpreter lock. Raises ValueError for segments
     that are not finite.
     """
@@ -67,7 +62,7 @@ def coverage_mask(
         out = np.zeros((height, width), np.uint8)
     first, end = rows or (0, height)
     out[first:end] = 0
-    x0, y0, x1, y1, room = _bounds(lines, inside, width, (first, end))
+    x0, y0, x1, y1, room = _bounds(lines, width, (first, end))
     if base != 0:
         x0, y0, x1, y1 = 0, first, width, end
     if x0 >= x1 or y0 >= y1:
@@ -75,18 +70,14 @@ def coverage_mask(
     size = (y1 - y0) * ((x1 - x0 + 8) // 8 * 8)
     needed = scratch_sizes(size, room)
     floats, ints = _scratch.array("floats", (needed[0],), np.float64), _scratch.array("ints", (needed[1],), np.int32)
-    state = _scratch.array("state", (needed[2],), np.uint8)
-    found, last = cover(lines, width, x0, y0, x1, y1, float(base), inside, out, room, floats, ints, state, state.view(np.uint64))
+    state = _scratch.array("state", (size,), np.uint8)
+    found, last = cover(lines, width, x0, y0, x1, y1, float(base), out, room, floats, ints, state, state.view(np.uint64))
     return Coverage(out, (x0, y0, last, y1), found)
 
 
-def _bounds(lines: F8, inside: F8, width: int, rows: tuple[int, int]) -> tuple[int, int, int, int, int]:
-    """The pixels of these rows that either can touch, and the first column when they are left of the image; most pieces."""
+def _bounds(lines: F8, width: int, rows: tuple[int, int]) -> tuple[int, int, int, int, int]:
+    """The pixels of these rows that the lines can touch, and the first column when they are left of the image; most pieces."""
     low_x, low_y, high_x, high_y, most = extent(lines, width, *rows)
-    if len(inside):
-        other = extent(inside, width, *rows)
-        if other[4] > 0.0:
-            low_x, high_x, most = min(low_x, other[0]), max(high_x, other[2]), max(most, other[4])
     if not max(-low_x, -low_y, high_x, high_y) <= FARTHEST_PX:
         raise ValueError("segments must be finite")
     x0, y0 = int(min(max(low_x, 0.0), width)), int(min(max(low_y, rows[0]), rows[1]))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from schemas.conventions import U1
 from service.render.state import FrameState
 from service.silhouette.coverage import coverage_mask
 from service.silhouette.smooth_mask import smooth_mask
@@ -17,14 +14,9 @@ def make_coverage(frame: FrameState) -> None:
     """
     if frame.plan.in_bands:
         if frame.mask is not None:
-            _cover(frame, frame.mask, (frame.tile.y, frame.tile.y + frame.tile.height))
+            rows = (frame.tile.y, frame.tile.y + frame.tile.height)
+            coverage_mask(frame.segments, frame.view.width, frame.view.height, frame.mask, rows=rows)
     elif frame.mask is None:
         frame.gpu.gl.flush()
-        mask = np.empty((frame.view.height, frame.view.width), np.uint8)
-        _cover(frame, mask, (0, frame.view.height))
+        mask = coverage_mask(frame.segments, frame.view.width, frame.view.height).mask
         frame.mask = mask if frame.smooth is None else smooth_mask(frame.smooth, frame.view, mask)
-
-
-def _cover(frame: FrameState, mask: U1, rows: tuple[int, int]) -> None:
-    """Write rows of the mask."""
-    coverage_mask(frame.segments, frame.view.width, frame.view.height, mask, inside=frame.core, rows=rows)
