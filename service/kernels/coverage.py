@@ -24,25 +24,25 @@ LISTED = 255  # the pixel is looked into
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cut(segments, start, width, x0, y0, y1, sums, state, pieces, places):
+def cut(segments, start, x0, y0, x1, y1, sums, state, pieces, places):
     """Cut segments (s, 4) f8, from number `start` on, at the sides of pixels into pieces, and add these up.
 
     sums (rows, columns) f8, state (rows, columns) u1: of the pixels from (x0, y0) on; sums need not be cleared, state must be.
-    Rows outside y0..y1 drop out. pieces (n, 4) f8, places (n,) i4: row * columns + column. Returns (how many pieces, next start): it
-    stops when the next segment might not fit any more.
+    Of the image, rows outside y0..y1 and what is right of x1 drop out; what is left of x0 covers whole rows. pieces (n, 4) f8, places
+    (n,) i4: row * columns + column. Returns (how many pieces, next start): it stops when the next segment might not fit any more.
 
     All in one function: arrays that are handed on cost atomic reference counts, more than the work done on a piece.
     """
-    n, columns, right_side = 0, np.uint64(state.shape[1]), np.float64(width)
+    n, columns, left_side, right_side = 0, np.uint64(state.shape[1]), np.float64(x0), np.float64(x1)
     for s in range(start, segments.shape[0]):
         px, py, qx, qy = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
         down = py <= qy
         if not down:
             px, py, qx, qy = qx, qy, px, py
         falls = 1.0 if down else -1.0
-        if qy < y0 or py >= y1 or (px >= width and qx >= width):
+        if qy < y0 or py >= y1 or (px >= x1 and qx >= x1):
             continue
-        if n + _most_pieces(px, py, qx, qy, width, y0, y1) > pieces.shape[0]:
+        if n + _most_pieces(px, py, qx, qy, x0, y0, x1, y1) > pieces.shape[0]:
             return n, s
         first, last = np.int64(np.floor(max(py, np.float64(y0)))), np.int64(np.ceil(min(qy, np.float64(y1)))) - 1
         last = max(first, last)
@@ -59,28 +59,28 @@ def cut(segments, start, width, x0, y0, y1, sums, state, pieces, places):
                 xb, yb = min(max(px + (row + 1 - py) * run, low), high), np.float64(row + 1)
             x, y = xb, yb
             r = np.uint64(row - y0)
-            if xa >= width and xb >= width:
+            if xa >= right_side and xb >= right_side:
                 continue
             xs, ys, xe, ye = xa, ya, xb, yb
-            if xa < 0.0 or xb < 0.0 or xa > width or xb > width:
+            if xa < left_side or xb < left_side or xa > right_side or xb > right_side:
                 left = 0.0
-                at = min(max(ya - xa * rise, ya), yb)
-                if xa < 0.0:
-                    xs, ys = 0.0, yb if xb < 0.0 else at
+                at = min(max(ya + (left_side - xa) * rise, ya), yb)
+                if xa < left_side:
+                    xs, ys = left_side, yb if xb < left_side else at
                     left += ys - ya
-                elif xb < 0.0:
-                    xe, ye = 0.0, at
+                elif xb < left_side:
+                    xe, ye = left_side, at
                     left += yb - ye
-                before, now = sums[r, np.uint64(-x0)], state[r, np.uint64(-x0)]
                 if left != 0.0:
-                    sums[r, np.uint64(-x0)] = (before if now & SUMMED else 0.0) + falls * left
-                    state[r, np.uint64(-x0)] = now | SUMMED
-                if xa < 0.0 and xb < 0.0:
+                    before, now = sums[r, 0], state[r, 0]
+                    sums[r, 0] = (before if now & SUMMED else 0.0) + falls * left
+                    state[r, 0] = now | SUMMED
+                if xa < left_side and xb < left_side:
                     continue
                 at = min(max(ya + (right_side - xa) * rise, ya), yb)
-                if xa > width:
+                if xa > right_side:
                     xs, ys = right_side, at
-                elif xb > width:
+                elif xb > right_side:
                     xe, ye = right_side, at
             forwards = xe >= xs
             column = np.int64(np.floor(xs)) if forwards else np.int64(np.ceil(xs)) - 1
@@ -124,11 +124,23 @@ def _on_side(x, y, left, top):
 
 
 @njit(cache=True, nogil=True)
-def _most_pieces(xa, ya, xb, yb, width, y0, y1):
+def _most_pieces(xa, ya, xb, yb, x0, y0, x1, y1):
     """Upper bound of the number of pieces of a segment: the sides it crosses, and some."""
-    across = min(max(xa, xb, 0.0), width) - max(min(xa, xb, width), 0.0)
+    across = min(max(xa, xb, np.float64(x0)), np.float64(x1)) - max(min(xa, xb, np.float64(x1)), np.float64(x0))
     down = min(yb, np.float64(y1)) - max(ya, np.float64(y0))
     return 2.0 * np.ceil(max(down, 0.0)) + np.ceil(max(across, 0.0)) + 5.0
+
+
+@njit(cache=True, nogil=True)
+def most_pieces(segments, x0, y0, x1, y1):
+    """Upper bound of the number of pieces that `cut` makes; NaN where a coordinate is."""
+    pieces, check = 0.0, 0.0
+    for s in range(segments.shape[0]):
+        xa, ya, xb, yb = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
+        check += 0.0 * (xa + ya + xb + yb)
+        if max(ya, yb) >= y0 and min(ya, yb) < y1:
+            pieces += _most_pieces(xa, min(ya, yb), xb, max(ya, yb), x0, y0, x1, y1)
+    return pieces + check
 
 
 @njit(cache=True, nogil=True)
@@ -139,9 +151,9 @@ def _simple(now):
 
 @njit(cache=True, nogil=True)
 def sweep(sums, state, state8, base, x0, y0, x1, y1, out, doubtful):
-    """Sum along the rows into out (h, w) u1, which is empty; returns (how many pixels are doubtful, end of the columns written).
+    """Sum along the rows into out (h, w) u1, from x0 on; returns (how many pixels are doubtful, end of the columns written).
 
-    sums, state: of `cut`. Rows that are still covered at x1 are so to the end. Doubtful pixels get
+    sums, state: of `cut`. Rows that are still covered at x1 are so to the end; elsewhere nothing is written there. Doubtful pixels get
     their sum in the sums and their place (row * columns + column) in doubtful. state8 is state as u8 words: where a word is
     zero, eight pixels have the value of the one before.
     """
@@ -155,11 +167,11 @@ def sweep(sums, state, state8, base, x0, y0, x1, y1, out, doubtful):
             end = min(begin + 8, columns)
             if state8[row, word] == 0:
                 value = np.uint8(min(max(total, 0.0), 1.0) * 255.0 + 0.5)
-                if value and end - begin == 8:
+                if end - begin == 8:
                     at = np.uint64(x0 + begin)
                     for k in range(np.uint64(8)):  # a known number of steps becomes one store
                         line[at + k] = value
-                elif value:
+                else:
                     for column in range(begin, end):
                         line[x0 + column] = value
                 continue
@@ -182,22 +194,16 @@ def sweep(sums, state, state8, base, x0, y0, x1, y1, out, doubtful):
 
 
 @njit(cache=True, nogil=True)
-def extent(segments, width, y0, y1):
-    """(min x, min y, max x, max y, most pieces) of the segments that meet rows y0..y1; NaN anywhere gives NaN everywhere.
-
-    1, 1, 0, 0, 0 without segments. most pieces: an upper bound of what `cut` makes.
-    """
-    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
-    check, pieces, count = 0.0, 0.0, 0
+def extent(segments):
+    """(min x, min y, max x, max y); NaN anywhere gives NaN everywhere. 1, 1, 0, 0 without segments."""
+    if segments.shape[0] == 0:
+        return 1.0, 1.0, 0.0, 0.0
+    low_x, high_x = segments[0, 0], segments[0, 0]
+    low_y, high_y = segments[0, 1], segments[0, 1]
+    check = 0.0
     for s in range(segments.shape[0]):
         xa, ya, xb, yb = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
-        check += 0.0 * (xa + ya + xb + yb)
-        if max(ya, yb) < y0 or min(ya, yb) >= y1:
-            continue
-        count += 1
         low_x, high_x = min(low_x, xa, xb), max(high_x, xa, xb)
         low_y, high_y = min(low_y, ya, yb), max(high_y, ya, yb)
-        pieces += _most_pieces(xa, min(ya, yb), xb, max(ya, yb), width, y0, y1)
-    if count == 0:
-        return 1.0 + check, 1.0 + check, 0.0 + check, 0.0 + check, 0.0
-    return low_x + check, low_y + check, high_x + check, high_y + check, pieces
+        check += 0.0 * (xa + ya + xb + yb)
+    return low_x + check, low_y + check, high_x + check, high_y + check

@@ -2,40 +2,48 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
-from service.kernels.coverage import cut, sweep
+from service.kernels.coverage import cut, most_pieces, sweep
 from service.kernels.coverage_pixels import gather, resolve
 
 
 @njit(cache=True, nogil=True)
-def scratch_sizes(pixels, room):
-    """(floats, ints) that `cover` needs for so many pixels, each row filled up, and pieces."""
-    return pixels + 8 * room, 2 * pixels + 2 * room + 2
+def columns_of(width):
+    """Columns of the sums of so many pixels a row: one more, and whole words."""
+    return (width + 8) // 8 * 8
 
 
 @njit(cache=True, nogil=True)
-def cover(segments, width, x0, y0, x1, y1, base, out, room, floats, ints, state, state8):
-    """Write the rows y0..y1 of out (h, w) u1, which are empty, from segments (s, 4) f8 that touch no other columns than x0..x1.
+def cover(segments, x0, y0, x1, y1, base, out, most, scratch):
+    """Write the covered areas of the rectangle from (x0, y0) to (x1, y1) into out (h, w) u1, from segments (s, 4) f8.
 
-    base: see `service.silhouette.coverage.coverage_mask`. room: pieces held at a time. floats (f8), ints (i4): scratch, as large as
-    `scratch_sizes` says of the rectangle with its rows filled up to (x1 - x0 + 8) // 8 * 8; state (u1, and state8 the same as u8 words):
-    scratch, of its size. Returns (how many pixels were doubtful, end of the columns written).
+    base, out: see `service.silhouette.coverage.coverage_mask`; what lies left of the rectangle counts, what is right of it does not. most:
+    pieces held at a time; with more, doubtful pixels stay clamped. scratch: (sums f8, state u1, state as u8 words, number i4, doubtful i4)
+    of `columns_of` numbers a row, flat, (pieces (n, 4) f8, sorted pieces (n, 4) f8, places (n,) i4) as large as they happen to be, and
+    offsets i4, of two more numbers than the first ones. Returns (how many pixels were doubtful, end of the columns written); -1, 0 when
+    a segment is not finite.
     """
-    rows, columns = y1 - y0, (x1 - x0 + 8) // 8 * 8
+    sums, state, state8, number, doubtful, pieces, own, places, offsets = scratch
+    rows, columns = y1 - y0, columns_of(x1 - x0)
     size = rows * columns
-    sums, pieces = floats[:size].reshape(rows, columns), floats[size : size + 4 * room].reshape(room, 4)
-    own = floats[size + 4 * room : size + 8 * room].reshape(room, 4)
-    places, doubtful, number = ints[:room], ints[room : room + size], ints[room + size : room + 2 * size]
-    lines = state.reshape(rows, columns)
-    state[:] = 0
+    needed = most_pieces(segments, x0, y0, x1, y1)
+    if not needed < np.inf:
+        return -1, 0
+    room = np.int64(min(needed, np.float64(most)))
+    if room > places.shape[0]:
+        pieces, own, places = np.empty((room, 4)), np.empty((room, 4)), np.empty(room, np.int32)
+    flat = state[:size]
+    flat[:] = 0
+    grid, lines = sums[:size].reshape(rows, columns), flat.reshape(rows, columns)
     start, goes, count = 0, 0, 0
     while start < segments.shape[0]:
-        count, start = cut(segments, start, width, x0, y0, y1, sums, lines, pieces, places)
+        count, start = cut(segments, start, x0, y0, x1, y1, grid, lines, pieces[:room], places)
         goes += 1
-    found, end = sweep(sums, lines, state8.reshape(rows, columns // 8), base, x0, y0, x1, y1, out, doubtful)
+    found, end = sweep(grid, lines, state8[: size // 8].reshape(rows, columns // 8), base, x0, y0, x1, y1, out, doubtful)
     if found and goes == 1:
-        offsets = ints[room + 2 * size : room + 2 * size + found + 2]
-        most = gather(pieces[:count], places, state, doubtful[:found], number, offsets, own)
-        resolve(own, offsets, most, doubtful[:found], floats, columns, out, x0, y0)
+        listed = doubtful[:found]
+        longest = gather(pieces[:count], places, flat, listed, number, offsets[: found + 2], own)
+        resolve(own, offsets, longest, listed, sums, columns, out, x0, y0)
     return found, end

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from schemas.conventions import F8, U1
+from schemas.conventions import F8, U1, Array
 from service.kernels.coverage import extent
-from service.kernels.coverage_rows import cover, scratch_sizes
+from service.kernels.coverage_rows import columns_of, cover
 from service.scratch import ThreadScratch
 
 MOST_PIECES = 1 << 20
@@ -36,6 +36,16 @@ class Coverage:
 
 
 _scratch = ThreadScratch()
+USUAL_PIECES = 1 << 14
+
+
+def cover_scratch(pixels: int) -> tuple[Array, ...]:
+    """Scratch of `service.kernels.coverage_rows.cover` for so many pixels, each row filled up; the calling thread's own."""
+    state = _scratch.array("state", (pixels,), np.uint8)
+    ints = _scratch.array("ints", (3, pixels + 2), np.int32)
+    pieces, places = _scratch.array("pieces", (2, USUAL_PIECES, 4), np.float64), _scratch.array("places", (USUAL_PIECES,), np.int32)
+    sums = _scratch.array("sums", (pixels,), np.float64)
+    return sums, state, state.view(np.uint64), ints[0], ints[1], pieces[0], pieces[1], places, ints[2]
 
 
 def coverage_mask(
@@ -62,24 +72,21 @@ def coverage_mask(
         out = np.zeros((height, width), np.uint8)
     first, end = rows or (0, height)
     out[first:end] = 0
-    x0, y0, x1, y1, room = _bounds(lines, width, (first, end))
+    x0, y0, x1, y1 = _bounds(lines, width, (first, end))
     if base != 0:
         x0, y0, x1, y1 = 0, first, width, end
     if x0 >= x1 or y0 >= y1:
         return Coverage(out, (0, 0, 0, 0), 0)
-    size = (y1 - y0) * ((x1 - x0 + 8) // 8 * 8)
-    needed = scratch_sizes(size, room)
-    floats, ints = _scratch.array("floats", (needed[0],), np.float64), _scratch.array("ints", (needed[1],), np.int32)
-    state = _scratch.array("state", (size,), np.uint8)
-    found, last = cover(lines, width, x0, y0, x1, y1, float(base), out, room, floats, ints, state, state.view(np.uint64))
+    scratch = cover_scratch((y1 - y0) * columns_of(x1 - x0))
+    found, last = cover(lines, x0, y0, x1, y1, float(base), out, MOST_PIECES, scratch)
     return Coverage(out, (x0, y0, last, y1), found)
 
 
-def _bounds(lines: F8, width: int, rows: tuple[int, int]) -> tuple[int, int, int, int, int]:
-    """The pixels of these rows that the lines can touch, and the first column when they are left of the image; most pieces."""
-    low_x, low_y, high_x, high_y, most = extent(lines, width, *rows)
+def _bounds(lines: F8, width: int, rows: tuple[int, int]) -> tuple[int, int, int, int]:
+    """The pixels of these rows that the lines can touch, and the first column when they are left of the image."""
+    low_x, low_y, high_x, high_y = extent(lines)
     if not max(-low_x, -low_y, high_x, high_y) <= FARTHEST_PX:
         raise ValueError("segments must be finite")
     x0, y0 = int(min(max(low_x, 0.0), width)), int(min(max(low_y, rows[0]), rows[1]))
     x1, y1 = int(min(max(np.floor(high_x) + 1.0, 1.0), width)), int(min(max(np.floor(high_y) + 1.0, rows[0]), rows[1]))
-    return x0, y0, x1, y1, int(min(most, MOST_PIECES))
+    return x0, y0, x1, y1

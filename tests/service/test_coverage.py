@@ -42,7 +42,7 @@ def allowed(segments, width, height):
     pieces, places = np.empty((1000, 4)), np.empty(1000, np.int32)
     columns = width + 1
     sums, state = np.zeros((height, columns)), np.zeros((height, columns), np.uint8)
-    count, _ = cut(segments, 0, width, 0, 0, height, sums, state, pieces, places)
+    count, _ = cut(segments, 0, 0, 0, width, height, sums, state, pieces, places)
     crossed = np.bincount(places[:count], minlength=height * columns).reshape(height, columns)[:, :width]
     return np.where(crossed > EXACT_PIECES, crossed / SLABS, ROUNDING)
 
