@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from typing import TypeVar
 
-Item = TypeVar("Item")
 Made = TypeVar("Made")
 
 
@@ -23,24 +22,14 @@ def pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max(1, cores() - 1), thread_name_prefix="share")
 
 
-def share_out(work: Callable[[Item], Made], items: Sequence[Item]) -> list[Made]:
-    """work of every item, in the order of the items; the caller and the pool's threads take the next one whenever they are free.
+def side_by_side(work: Callable[[], Made], count: int) -> list[Made]:
+    """What `count` calls of work return, one of them made here and the others by the pool's threads at the same time.
 
-    Raises what work raises, of the first item that does, when all are done.
+    Raises what work raises, when all are done.
     """
-    waiting = iter(range(len(items)))
-    made: dict[int, Made] = {}
-
-    def help_out() -> None:
-        for i in waiting:
-            made[i] = work(items[i])
-
-    helpers = [pool().submit(help_out) for _ in range(min(cores(), len(items)) - 1)]
+    helpers = [pool().submit(work) for _ in range(count - 1)]
     try:
-        help_out()
+        own = work()
     finally:
-        errors = [helper.exception() for helper in helpers]
-    for error in errors:
-        if error is not None:
-            raise error
-    return [made[i] for i in range(len(items))]
+        wait(helpers)
+    return [own, *(helper.result() for helper in helpers)]

@@ -90,12 +90,13 @@ def _lay_out(px, py, qx, qy, half, ua, va, ub, vb, plane):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw_rim(points, faces, uv, edge_vertices, edge_faces, front, half, x0, y0, x1, y1, words, planes):
-    """Draw the rim into words, as `hull_visible.draw_faces` left them, and its planes behind those of the faces.
+def place_rim(points, faces, uv, edge_vertices, edge_faces, front, ends, places):
+    """The hull's silhouette edges in the image: returns n, their ends in ends[:n] (n, 4) f8 pixels, and in places[:n] (n, 4) f8 where in
+    the map these are, texels.
 
-    edge_vertices, edge_faces (e, 2) i4: the hull's edges. front (f,) bool. half: pixels. planes (f + e, PLANES) f8.
+    edge_vertices, edge_faces (e, 2) i4: the hull's edges. front (f,) bool. Edges behind the near plane are left out, others cut at it.
     """
-    number = faces.shape[0]
+    n = 0
     for e in range(edge_vertices.shape[0]):
         f, other = edge_faces[e, 0], edge_faces[e, 1]
         if front[f] == front[other]:
@@ -105,11 +106,26 @@ def draw_rim(points, faces, uv, edge_vertices, edge_faces, front, half, x0, y0, 
         first, last = _along(points, a, b)
         if first > last:
             continue
-        px, py = _pixel(points, a, b, first)
-        qx, qy = _pixel(points, a, b, last)
+        ends[n, 0], ends[n, 1] = _pixel(points, a, b, first)
+        ends[n, 2], ends[n, 3] = _pixel(points, a, b, last)
         i, j = _corner(faces, f, a), _corner(faces, f, b)
-        u, v = uv[f, i, 0] + first * (uv[f, j, 0] - uv[f, i, 0]), uv[f, i, 1] + first * (uv[f, j, 1] - uv[f, i, 1])
-        s, t = uv[f, i, 0] + last * (uv[f, j, 0] - uv[f, i, 0]), uv[f, i, 1] + last * (uv[f, j, 1] - uv[f, i, 1])
-        _lay_out(px, py, qx, qy, half, u, v, s, t, planes[number])
+        for k in range(2):
+            along = uv[f, j, k] - uv[f, i, k]
+            places[n, k], places[n, 2 + k] = uv[f, i, k] + first * along, uv[f, i, k] + last * along
+        n += 1
+    return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw_rim(ends, places, half, number, x0, y0, x1, y1, words, planes):
+    """Draw the rim into words, as `hull_visible.draw_faces` left them, and its planes behind those of the faces, from `number` on.
+
+    ends, places (n, 4) f8: of `place_rim`. half: pixels. planes (number + n, PLANES) f8.
+    """
+    for e in range(ends.shape[0]):
+        px, py, qx, qy = ends[e, 0], ends[e, 1], ends[e, 2], ends[e, 3]
+        if not (min(py, qy) - half <= y1 and max(py, qy) + half >= y0):
+            continue
+        _lay_out(px, py, qx, qy, half, places[e, 0], places[e, 1], places[e, 2], places[e, 3], planes[number])
         _cover(px, py, qx, qy, half, number, x0, y0, x1, y1, words)
         number += 1

@@ -15,6 +15,7 @@ from service.kernels.compositing import BYTE, COLOR, SHIFT, ZERO, blended
 from service.kernels.hull_visible import FACE_MASK, SLACK
 
 LEVELS = 4096  # steps of light that colours are tabulated for: 0.4 of 255 levels at the darkest, where sRGB is steepest
+LOOKED_AT = 16  # pixels at a time
 FLAT, TINTED, NORMALS = 0, 1, 2  # what is shown: one colour, that of the map, or normals as colours
 TOP = np.float32(LEVELS - 1)
 MIDDLE = np.float32(127.5)
@@ -75,7 +76,7 @@ def _fetch(n, at, texels, stride, near):
         d[i] = texels[k + stride + np.uint64(1)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _byte(word, shift):
     return np.float32(np.int32((word >> shift) & BYTE))
 
@@ -155,31 +156,48 @@ def _lay(n, colors, mask, out, opaque, linear):
 
 
 @njit(cache=True, nogil=True)
+def _is_empty(mask, start):
+    found = np.uint8(0)
+    for k in range(np.uint64(LOOKED_AT)):
+        found |= mask[np.uint64(start) + k]
+    return found == 0
+
+
+@njit(cache=True, nogil=True)
 def _span(mask, x0, x1):
     """The columns of a row from the first that is not empty to behind the last."""
+    while x0 + LOOKED_AT <= x1 and _is_empty(mask, x0):
+        x0 += LOOKED_AT
     while x0 < x1 and mask[x0] == 0:
         x0 += 1
+    while x0 + LOOKED_AT <= x1 and _is_empty(mask, x1 - LOOKED_AT):
+        x1 -= LOOKED_AT
     while x0 < x1 and mask[x1 - 1] == 0:
         x1 -= 1
     return x0, x1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def paint(words, planes, x0, y0, mask, out, maps, shown, turn, light, ambient, palette, encoded, linear, opaque):
+def paint(words, planes, x0, y0, mask, out, maps, shading, ground, scratch):
     """Paint a rectangle of the image out (h, w) u4 that begins at (x0, y0) and is as large as words, with the alpha mask (h, w) u1.
 
-    words, planes: of `hull_visible` and `hull_rim`. maps: (normals, colours, width, height), both (width * height + 1,) u4 texels;
-    shown: FLAT, TINTED or NORMALS. turn: (3, 3) f4, what is done to normals; light: (3,) f4 unit, along the axes they have then;
-    ambient: f4. palette (LEVELS,) u4: the colour of each amount
-    of light, for FLAT. encoded (LEVELS,) u1: sRGB of each amount of linear light. linear (256,) f4: of each sRGB byte.
+    words, planes: of `hull_visible` and `hull_rim`. maps: (normals, colours, width, height), both (width * height + 1,) u4 texels.
+    shading: (FLAT, TINTED or NORMALS; turn (3, 3) f4, what is done to normals; light (3,) f4 unit, along the axes they have then; ambient
+    f4; palette (LEVELS,) u4: the colour of each amount of light, for FLAT; encoded (LEVELS,) u1: sRGB of each amount of linear light).
+    ground: (whether out holds an opaque background, which otherwise is overwritten; linear (256,) f4: of each sRGB byte).
+    scratch: (floats (3, n) f4, texels (4, n) u4, places (n,) i4, colors (n,) u4), n at least the columns of words.
     """
     normals, tints, width, height = maps
+    shown, turn, light, ambient, palette, encoded = shading
+    opaque, linear = ground
+    floats, near, at, colors = scratch
     columns = words.shape[1] - SLACK
-    floats, near = np.empty((3, columns), np.float32), np.empty((4, columns), np.uint32)
-    at, colors = np.empty(columns, np.int32), np.empty(columns, np.uint32)
     u, v, lit, stride = floats[0], floats[1], floats[2], np.uint64(width)
     for row in range(words.shape[0]):
         first, last = _span(mask[y0 + row], x0, x0 + columns)
+        if not opaque:
+            out[y0 + row, x0:first] = ZERO
+            out[y0 + row, last : x0 + columns] = ZERO
         n = last - first
         if n <= 0:
             continue

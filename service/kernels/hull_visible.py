@@ -35,7 +35,7 @@ def clip_points(matrix, positions, points):
             points[i, k] = matrix[k, 0] * x + matrix[k, 1] * y + matrix[k, 2] * z + matrix[k, 3]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _edge(points, j, k, sense, edges, i):
     """edges[i] = x, y and constant of the edge function of the side j -> k, positive inside a front face."""
     edges[i, 0] = sense * (points[k, 1] * points[j, 3] - points[j, 1] * points[k, 3])
@@ -75,15 +75,30 @@ def _sides(edges, count, sides):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rows(points, a, b, c, low, high, y0, y1):
-    """First and last row of a face: those between `low` and `high` that its corners span, all where one is behind the eye."""
-    if points[a, 3] > 0.0 and points[b, 3] > 0.0 and points[c, 3] > 0.0:
-        ya, yb, yc = points[a, 1] / points[a, 3], points[b, 1] / points[b, 3], points[c, 1] / points[c, 3]
-        low, high = max(low, min(ya, yb, yc)), min(high, max(ya, yb, yc))
-    low, high = max(low - REACH, y0 - 1.0), min(high + REACH, y1 + 1.0)
-    if not low <= high:
-        return 0, -1
-    return max(np.int64(np.ceil(low - 0.5)), y0), min(np.int64(np.floor(high - 0.5)), y1 - 1)
+def place_faces(points, faces, sense, y0, y1, front, seen, rows):
+    """Which faces (f, 3) i4 the rows y0..y1 of the image may show: returns n, their numbers in seen[:n] and their rows in rows[:n].
+
+    points (v, 4) f8 of `clip_points`; sense: 1.0, or -1.0 for a view that mirrors. front (f,) bool: which faces turn their front to the
+    eye. rows (f, 2) i4: first and last row that the corners span, all of them where a corner is behind the eye.
+    """
+    edge, n = np.empty((1, 3)), 0
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        _edge(points, b, c, sense, edge, 0)
+        front[f] = edge[0, 0] * points[a, 0] + edge[0, 1] * points[a, 1] + edge[0, 2] * points[a, 3] > 0.0
+        if not front[f]:
+            continue
+        low, high = y0 - 1.0, y1 + 1.0
+        if points[a, 3] > 0.0 and points[b, 3] > 0.0 and points[c, 3] > 0.0:
+            ya, yb, yc = points[a, 1] / points[a, 3], points[b, 1] / points[b, 3], points[c, 1] / points[c, 3]
+            low, high = max(low, min(ya, yb, yc) - REACH), min(high, max(ya, yb, yc) + REACH)
+        if not low <= high:
+            continue
+        first, last = max(np.int64(np.ceil(low - 0.5)), y0), min(np.int64(np.floor(high - 0.5)), y1 - 1)
+        if first <= last:
+            seen[n], rows[n, 0], rows[n, 1] = f, first, last
+            n += 1
+    return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -118,30 +133,34 @@ def _fill(sides, depth, face, first, last, x0, y0, x1, words):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw_faces(points, faces, uv, sense, x0, y0, x1, y1, words, planes, front):
-    """Draw the front faces (f, 3) i4 between the near and the far plane into words (y1 - y0, x1 - x0 + SLACK) i8, which is cleared.
+def draw_faces(points, faces, uv, sense, seen, rows, x0, y0, x1, y1, words, planes):
+    """Draw faces between the near and the far plane into words (y1 - y0, x1 - x0 + SLACK) i8, which is cleared.
 
-    points (v, 4) f8 of `clip_points`; uv (f, 3, 2) f4 texels; sense: 1.0, or -1.0 for a view that mirrors. planes (f or more,
-    PLANES) f8: rows of faces that are seen are filled in. front (f,) bool: which faces turn their front to the eye.
+    seen (n,) i4, rows (n, 2) i4: of `place_faces`. uv (f, 3, 2) f4 texels. planes (f or more, PLANES) f8: rows of faces that may be seen
+    here are filled in.
     """
     edges, sides, depth = np.empty((4, 3)), np.empty((8, 2)), np.empty(3)
     words[...] = EMPTY
-    for f in range(faces.shape[0]):
+    for i in range(seen.shape[0]):
+        first, last = max(np.int64(rows[i, 0]), y0), min(np.int64(rows[i, 1]), y1 - 1)
+        if first > last:
+            continue
+        f = seen[i]
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         _edge(points, b, c, sense, edges, 0)
-        determinant = edges[0, 0] * points[a, 0] + edges[0, 1] * points[a, 1] + edges[0, 2] * points[a, 3]
-        front[f] = determinant > 0.0
-        if not determinant > 0.0:
-            continue
         _edge(points, c, a, sense, edges, 1)
         _edge(points, a, b, sense, edges, 2)
+        determinant = edges[0, 0] * points[a, 0] + edges[0, 1] * points[a, 1] + edges[0, 2] * points[a, 3]
         _blend(edges, points[a, 2], points[b, 2], points[c, 2], depth, 0)
         count = 3
         if min(points[a, 2] + points[a, 3], points[b, 2] + points[b, 3], points[c, 2] + points[c, 3]) < 0.0:
             edges[3, 0], edges[3, 1], edges[3, 2] = depth[0], depth[1], depth[2] + determinant
             count = 4
         low, high = _sides(edges, count, sides)
-        first, last = _rows(points, a, b, c, low, high, y0, y1)
+        low, high = max(low - REACH, y0 - 1.0), min(high + REACH, y1 + 1.0)
+        if not low <= high:
+            continue
+        first, last = max(first, np.int64(np.ceil(low - 0.5))), min(last, np.int64(np.floor(high - 0.5)))
         if first > last:
             continue
         _blend(edges, uv[f, 0, 0], uv[f, 1, 0], uv[f, 2, 0], planes[f], 0)

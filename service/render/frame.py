@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from schemas.conventions import U1
 from schemas.render import RenderRequest, Source
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
 from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
-from service.render.bands import bands_of
+from service.render.bands import draw_in_bands
 from service.render.passes.background import make_background
 from service.render.passes.clear import clear_target
 from service.render.passes.composite import compose
@@ -33,7 +31,6 @@ from service.render.passes.surface import draw_surface
 from service.render.plan import Plan, plan_frame
 from service.render.state import BORDER, FrameState, Gpu, Tile, parse_color
 from service.silhouette.levels import LevelInView
-from service.threads import share_out
 
 Make = Callable[[FrameState], None]
 
@@ -87,12 +84,10 @@ class Timed:
             self._gpu.gl.finish()
         self.ms[name] = self.ms.get(name, 0.0) + (time.perf_counter() - start) * 1e3
 
-    def add(self, shares: list[dict[str, float]], wall_ms: float) -> None:
-        """Keep passes that ran side by side: each gets its part of the time that all of them took together."""
-        total = sum(sum(ms.values()) for ms in shares)
-        for ms in shares:
-            for name, one in ms.items():
-                self.ms[name] = self.ms.get(name, 0.0) + one * wall_ms / total
+    def add(self, passes: dict[str, float]) -> None:
+        """Keep what passes took that were timed elsewhere."""
+        for name, ms in passes.items():
+            self.ms[name] = self.ms.get(name, 0.0) + ms
 
 
 @dataclass(frozen=True)
@@ -135,36 +130,21 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
     steps = [step for step in FRAME if step.name in plan.passes]
     times = Timed(gpu, wait_each)
     for step in steps:
-        if not step.each_tile and (frame.area.width or step.make is make_background):
+        early = not step.each_tile or (plan.smooth and step.make is make_coverage)
+        if early and (frame.area.width or step.make is make_background):
             times.run(step.name, step.make, frame, draws=step.draws)
-    draw = _draw_bands if plan.in_bands else _draw_tiles
-    draw(frame, [step for step in steps if step.each_tile], times)
-    if not plan.on_cpu:
+    if plan.on_cpu:
+        if frame.area.width:
+            times.add(draw_in_bands(frame))
+    else:
+        for tile in tiles_of(plan, frame.area):
+            frame.tile = tile
+            for step in steps:
+                if step.each_tile:
+                    times.run(step.name, step.make, frame, draws=step.draws)
         gpu.gl.check()
     error_px = plan.error_px if plan.error_px is None or level is None else plan.error_px + level.error_px
     return RenderedImage(frame.image, tuple(times.ms.items()), tuple(times.ms), plan.rung, error_px, frame.area, level)
-
-
-def _draw_tiles(frame: FrameState, steps: list[Pass], times: Timed) -> None:
-    """One tile after the other."""
-    for tile in tiles_of(frame.plan, frame.area):
-        frame.tile = tile
-        for step in steps:
-            times.run(step.name, step.make, frame, draws=step.draws and not frame.plan.on_cpu)
-
-
-def _draw_bands(frame: FrameState, steps: list[Pass], times: Timed) -> None:
-    """Bands of rows side by side: each has the frame to itself but for the image and the mask, of which it writes its own rows."""
-    start = time.perf_counter()
-    frame.mask = np.asarray(frame.gpu.scratch.array("mask", (frame.view.height, frame.view.width), np.uint8), np.uint8)
-
-    def draw(band: Tile) -> dict[str, float]:
-        own, took = replace(frame, tile=band), Timed(frame.gpu, wait_each=False)
-        for step in steps:
-            took.run(step.name, step.make, own)
-        return took.ms
-
-    times.add(share_out(draw, bands_of(frame.area)), (time.perf_counter() - start) * 1e3)
 
 
 def tiles_of(plan: Plan, area: Tile) -> list[Tile]:

@@ -38,20 +38,17 @@ class HullSurface:
 
 @dataclass(frozen=True)
 class PlacedHull:
-    """A hull and where its vertices are in the image: points (v, 4) f8 of `service.kernels.hull_visible.clip_points`."""
+    """A hull in the image, as `service.kernels.hull_bands.place_hull` makes it. points (v, 4) f8, sense: 1, or -1 for a view that mirrors;
+    seen (n,) i4, rows (n, 2) i4: faces that show; ends, places (k, 4) f8: edges of its outline.
+    """
 
     surface: HullSurface
     points: Array
-
-
-@dataclass(frozen=True)
-class HullView:
-    """A hull in a tile. words (h, w) i8: see `service.kernels.hull_visible`; planes: of faces, then rim; front: of the faces."""
-
-    placed: PlacedHull
-    planes: Array
-    front: Array
-    words: Array
+    sense: float
+    seen: Array
+    rows: Array
+    ends: Array
+    places: Array
 
 
 class HullCache:

@@ -69,13 +69,8 @@ class Plan:
 
     @property
     def on_cpu(self) -> bool:
-        """Whether the picture needs no GL at all: the exact mask over a hull that `passes.hull` draws."""
-        return self.source is Source.CLIPPED and self.antialias is Antialias.COVERAGE
-
-    @property
-    def in_bands(self) -> bool:
-        """Whether rows of the picture can be made without the others. A smooth outline is one piece of work."""
-        return self.on_cpu and not self.smooth
+        """Whether the picture needs no GL at all: the exact mask alone, or over the hull (`bands`)."""
+        return self.antialias is Antialias.COVERAGE and (self.source is Source.CLIPPED or self.mode is ShadingMode.MASK)
 
     @property
     def rung(self) -> str:

@@ -16,7 +16,7 @@ from service.camera import View
 from service.kernels.compositing import linear_table
 from service.render.context import GlContext
 from service.render.gpu_cache import GpuCache
-from service.render.hull_cache import HullCache, HullView, PlacedHull
+from service.render.hull_cache import HullCache, PlacedHull
 from service.render.plan import Plan
 from service.render.programs import Programs
 from service.render.targets import Target, Targets
@@ -178,7 +178,6 @@ class FrameState:
     tile: Tile = Tile(0, 0, 0, 0)
     target: Target | None = None
     placed: PlacedHull | None = None
-    hull: HullView | None = None
     drawn: U1 | None = None
 
     @property

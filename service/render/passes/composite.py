@@ -10,15 +10,11 @@ import numpy as np
 
 from schemas.render import ShadingMode
 from service.kernels.compositing import put_drawn, put_flat, put_masked
-from service.render.passes.hull import paint_hull
 from service.render.state import LINEAR_TABLE, FrameState, as_words, parse_color, word_of
 
 
 def compose(frame: FrameState) -> None:
     """Lay what was drawn over the background in `frame.image`, with the mask's alpha where there is a mask."""
-    if frame.hull is not None:
-        paint_hull(frame, frame.hull)
-        return
     t = frame.tile
     area = np.s_[t.y : t.y + t.height, t.x : t.x + t.width]
     out = as_words(frame.image)[area]

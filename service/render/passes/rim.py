@@ -13,7 +13,6 @@ from geometry.predicates import front_facing
 from schemas.conventions import Array
 from schemas.render import Antialias, Source
 from service.render.gpu_cache import Surface, attributes, corner_rows, edge_corners, fields_of
-from service.render.passes.hull import draw_hull_rim
 from service.render.passes.surface import shaded_program, surface_of
 from service.render.state import FrameState
 
@@ -23,9 +22,6 @@ HALF_WIDTH = 1.0
 
 def draw_rim(frame: FrameState) -> None:
     """Draw the rectangles about the silhouette edges of the surface that was drawn, where nothing is."""
-    if frame.plan.on_cpu:
-        draw_hull_rim(frame)
-        return
     gpu = frame.gpu
     surface = surface_of(frame)
     ends = _ends(frame, surface)

@@ -7,7 +7,6 @@ import numpy as np
 
 from schemas.render import Antialias, ShadingMode
 from service.render.gpu_cache import Surface
-from service.render.passes.hull import draw_hull
 from service.render.passes.light import light_of
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
@@ -16,9 +15,6 @@ SHOW = {ShadingMode.LAMBERT: "SHOW_LAMBERT", ShadingMode.NORMAL: "SHOW_NORMAL", 
 
 def draw_surface(frame: FrameState) -> None:
     """Draw the surface with depth test into colour; alpha too, unless it holds an outline already."""
-    if frame.plan.on_cpu:
-        draw_hull(frame)
-        return
     gpu, plan = frame.gpu, frame.plan
     surface = surface_of(frame)
     program = shaded_program(frame, surface, "surface")
