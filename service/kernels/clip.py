@@ -79,16 +79,30 @@ def _put(out, n, xa, ya, xb, yb):
 
 @njit(cache=True, nogil=True)
 def count_crossings(m, positions, edges):
-    """(edges with one end behind the eye plane, edges with both)."""
-    crossing, behind = 0, 0
+    """How many edges have one end behind the eye plane."""
+    crossing = 0
     for e in range(edges.shape[0]):
         _, _, wa = homogeneous(m, positions[edges[e, 0]])
         _, _, wb = homogeneous(m, positions[edges[e, 1]])
-        if (wa < EYE_PLANE) != (wb < EYE_PLANE):
-            crossing += 1
-        elif wa < EYE_PLANE:
-            behind += 1
-    return crossing, behind
+        crossing += (wa < EYE_PLANE) != (wb < EYE_PLANE)
+    return crossing
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def project_in_front(m, positions, edges, width, height, out):
+    """The same as `project_edges` when nothing is behind the eye plane and nothing far from the image; otherwise returns -1."""
+    n = 0
+    end = np.empty((2, 2))
+    for e in range(edges.shape[0]):
+        for k in range(2):
+            u, v, w = homogeneous(m, positions[np.uint64(edges[e, k])])
+            end[k, 0], end[k, 1] = u / w, v / w
+            if not (w >= EYE_PLANE and max(abs(end[k, 0]), abs(end[k, 1])) < FAR_PIXELS):
+                return -1
+        xa, ya, xb, yb = end[0, 0], end[0, 1], end[1, 0], end[1, 1]
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = xa, ya, xb, yb
+        n += max(ya, yb) >= 0.0 and min(ya, yb) <= height and min(xa, xb) <= width
+    return n
 
 
 @njit(cache=True, nogil=True)

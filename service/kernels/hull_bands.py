@@ -32,12 +32,25 @@ def place_hull(matrix, surface, sense, y0, y1, points, front, seen, rows, ends, 
 
 
 @njit(cache=True, nogil=True)
+def _clear_beside(image, first, end, area):
+    """Make rows first..end of the image transparent outside the area."""
+    x0, y0, x1, y1 = area
+    for row in range(first, end):
+        if row < y0 or row >= y1:
+            image[row, :] = 0
+        else:
+            image[row, :x0] = 0
+            image[row, x1:] = 0
+
+
+@njit(cache=True, nogil=True)
 def draw_bands(taken, area, rows, covering, segments, most, hull, rim, half, mask, image, maps, shading, ground, flat, scratch, spent):
     """Draw bands of `rows` rows of the area (x0, y0, x1, y1) until all are taken; taken (1,) i8 counts them, for all threads.
 
     covering: whether segments (s, 4) f8 are to be summed into mask (h, w) u1 (`coverage_rows.cover`, at most `most` pieces); else it is
     there already. hull: (points, faces, uv, sense, seen, rows) as `hull_visible.draw_faces` takes them, rim: (ends, places) of
-    `hull_rim.place_rim`, half: of its width. image (h, w) u4; maps, shading, ground: as `hull_shading.paint` takes them. Without any
+    `hull_rim.place_rim`, half: of its width. image (h, w) u4: all of it is written, but what is
+    outside the area only without a ground; maps, shading, ground: as `hull_shading.paint` takes them. Without any
     face to draw, flat u4 is the colour of what the mask covers, when shading[0] is negative. scratch: (of `cover`, of `paint`, words i8
     (flat), planes (f + e, PLANES) f8). spent (4,) i8: cycles of each of PASSES are added. Returns False when a segment is not finite.
     """
@@ -47,11 +60,14 @@ def draw_bands(taken, area, rows, covering, segments, most, hull, rim, half, mas
     sums, lines, words, planes = scratch
     bare = shading[0] < 0
     while True:
-        top = y0 + take(taken) * rows
+        band = take(taken)
+        top = y0 + band * rows
         if top >= y1:
             return True
         end = min(top + rows, y1)
         clock = cycles()
+        if not ground[0]:
+            _clear_beside(image, 0 if band == 0 else top, image.shape[0] if end == y1 else end, area)
         grid = words[: (end - top) * (x1 - x0 + SLACK)].reshape(end - top, x1 - x0 + SLACK)
         if not bare:
             draw_faces(points, faces, uv, sense, seen, spans, x0, top, x1, end, grid, planes)

@@ -27,28 +27,26 @@ B0, B1, B2 = np.uint32(0), np.uint32(8), np.uint32(16)
 @njit(cache=True, nogil=True, error_model="numpy")
 def place_row(words, planes, x0, y, u, v):
     """Texel coordinates u, v (n,) f4 of the pixels of a row whose centres are at x0 + 1/2 and so on, y."""
-    seen = np.int64(FACE_MASK)
-    fu = fv = fw = du = dv = dw = ONE
-    start = 0
-    for i in range(words.shape[0]):
-        face = words[i] & FACE_MASK
-        if face != seen:
-            seen = face
-            if face == FACE_MASK:
-                fu = fv = du = dv = dw = np.float32(0.0)
-                fw = ONE
-            else:
-                p = planes[face]
-                x = x0 + i + 0.5
-                fu = np.float32(p[0] * x + p[1] * y + p[2])
-                fv = np.float32(p[3] * x + p[4] * y + p[5])
-                fw = np.float32(p[6] * x + p[7] * y + p[8])
-                du, dv, dw = np.float32(p[0]), np.float32(p[3]), np.float32(p[6])
-            start = i
-        t = np.float32(i - start)
-        w = ONE / (fw + t * dw)
-        u[i] = (fu + t * du) * w
-        v[i] = (fv + t * dv) * w
+    start, n = 0, words.shape[0]
+    while start < n:
+        face = words[start] & FACE_MASK
+        end = start + 1
+        while end < n and words[end] & FACE_MASK == face:
+            end += 1
+        if face == FACE_MASK:
+            u[start:end], v[start:end] = np.float32(0.0), np.float32(0.0)
+        else:
+            p = planes[face]
+            x = x0 + start + 0.5
+            fu, du = np.float32(p[0] * x + p[1] * y + p[2]), np.float32(p[0])
+            fv, dv = np.float32(p[3] * x + p[4] * y + p[5]), np.float32(p[3])
+            fw, dw = np.float32(p[6] * x + p[7] * y + p[8]), np.float32(p[6])
+            for i in range(np.uint64(end - start)):
+                t = np.float32(np.int32(i))
+                w = ONE / (fw + t * dw)
+                u[np.uint64(start) + i] = (fu + t * du) * w
+                v[np.uint64(start) + i] = (fv + t * dv) * w
+        start = end
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

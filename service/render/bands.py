@@ -64,7 +64,7 @@ def draw_in_bands(frame: FrameState) -> dict[str, float]:
             raise ValueError("segments must be finite")
         return spent
 
-    spent = sum(side_by_side(draw, min(cores(), count)))
+    spent = np.sum(side_by_side(draw, min(cores(), count)), axis=0)
     wall_ms = (time.perf_counter() - start) * 1e3
     done = [(name, cycles) for name, cycles in zip(PASSES, spent.tolist(), strict=True) if cycles]
     total = sum(cycles for _, cycles in done)

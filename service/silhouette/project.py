@@ -51,12 +51,17 @@ def following(offsets: I4) -> I4:
 
 
 def _segments(view: View, matrix: F8, positions: Array, edges: I4) -> F8:
-    crossing, _ = (0, 0) if view.orthographic else kernels.count_crossings(matrix, positions, edges)
+    width, height = float(view.width), float(view.height)
+    out = np.empty((2 * len(edges), 4))
+    n = kernels.project_in_front(matrix, positions, edges, width, height, out)
+    if n >= 0:
+        return out[:n]
+    crossing = 0 if view.orthographic else kernels.count_crossings(matrix, positions, edges)
     out = np.empty((2 * len(edges) + 16 * crossing, 4))
     cuts = np.empty((crossing, 3))
-    n, _ = kernels.project_edges(matrix, positions, edges, float(view.width), float(view.height), out, cuts)
+    n, _ = kernels.project_edges(matrix, positions, edges, width, height, out, cuts)
     if crossing:
-        n = kernels.close_cuts(cuts, float(view.width), float(view.height), out, n)
+        n = kernels.close_cuts(cuts, width, height, out, n)
     return out[:n]
 
 

@@ -8,13 +8,12 @@ from service.render.state import FrameState, as_words, word_of
 
 
 def make_background(frame: FrameState) -> None:
-    """Make `frame.image`: transparent black outside the area, which is overwritten, or all in the background's opaque colour."""
-    frame.image = np.empty((frame.view.height, frame.view.width, 4), np.uint8)
-    words, a = as_words(frame.image), frame.area
+    """Make `frame.image`: transparent black, or opaque in the background's colour. The CPU's bands clear what they are given."""
+    size = (frame.view.height, frame.view.width, 4)
     if frame.background is not None:
-        words[...] = word_of(frame.background)
-    elif not a.width:
-        words[...] = 0
+        frame.image = np.empty(size, np.uint8)
+        as_words(frame.image)[...] = word_of(frame.background)
+    elif frame.plan.on_cpu and frame.area.width:
+        frame.image = np.empty(size, np.uint8)
     else:
-        words[: a.y], words[a.y + a.height :] = 0, 0
-        words[a.y : a.y + a.height, : a.x], words[a.y : a.y + a.height, a.x + a.width :] = 0, 0
+        frame.image = np.zeros(size, np.uint8)
