@@ -117,15 +117,15 @@ def place_rim(points, faces, uv, edge_vertices, edge_faces, front, ends, places)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw_rim(ends, places, half, number, x0, y0, x1, y1, words, planes):
-    """Draw the rim into words, as `hull_visible.draw_faces` left them, and its planes behind those of the faces, from `number` on.
+def draw_rim(ends, places, half, faces, x0, y0, x1, y1, words, planes):
+    """Draw the rim into words, as `hull_visible.draw_faces` left them, and its planes behind those of the `faces` faces.
 
-    ends, places (n, 4) f8: of `place_rim`. half: pixels. planes (number + n, PLANES) f8.
+    ends, places (n, 4) f8: of `place_rim`. half: pixels. planes (faces + n, PLANES) f8.
     """
     for e in range(ends.shape[0]):
         px, py, qx, qy = ends[e, 0], ends[e, 1], ends[e, 2], ends[e, 3]
         if not (min(py, qy) - half <= y1 and max(py, qy) + half >= y0):
             continue
+        number = faces + e
         _lay_out(px, py, qx, qy, half, places[e, 0], places[e, 1], places[e, 2], places[e, 3], planes[number])
         _cover(px, py, qx, qy, half, number, x0, y0, x1, y1, words)
-        number += 1

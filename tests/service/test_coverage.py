@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from service.kernels.coverage import cut
 from service.kernels.coverage_pixels import EXACT_PIECES, SLABS
+from service.kernels.coverage_rows import columns_of, cover
 from service.silhouette import coverage
 from service.silhouette.coverage import coverage_mask
 from tests.service.oracles import positive_area
@@ -196,6 +197,27 @@ def test_segments_that_are_not_finite_are_refused(value):
     broken[1, 2] = value
     with pytest.raises(ValueError, match="finite"):
         coverage_mask(broken, 5, 4)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(points, min_size=1, max_size=2), st.integers(0, 4), st.integers(1, 5))
+def test_some_rows_are_those_of_the_whole(polygons, first, count):
+    segments, rows = np.concatenate([polygon(*p) for p in polygons]), (first, min(first + count, 5))
+    whole, part = coverage_mask(segments, 6, 5).mask, np.full((5, 6), 77, np.uint8)
+    coverage_mask(segments, 6, 5, part, rows=rows)
+    assert np.array_equal(part[rows[0] : rows[1]], whole[rows[0] : rows[1]])
+    assert (np.delete(part, np.s_[rows[0] : rows[1]], axis=0) == 77).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(points, min_size=1, max_size=2), st.integers(0, 3), st.integers(1, 6))
+def test_a_rectangle_counts_what_is_left_of_it_and_nothing_else(polygons, left, width):
+    segments = np.concatenate([polygon(*p) for p in polygons])
+    whole, part, right = coverage_mask(segments, 12, 5).mask, np.zeros((5, 12), np.uint8), left + width
+    scratch = coverage.cover_scratch(5 * columns_of(width))
+    found, _ = cover(segments, left, 0, right, 5, 0.0, part, coverage.MOST_PIECES, scratch)
+    assert found >= 0
+    assert np.abs(part[:, left:right].astype(int) - whole[:, left:right]).max() <= 1
 
 
 def test_threads_do_not_share_scratch_memory():

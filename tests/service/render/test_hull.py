@@ -9,11 +9,12 @@ import pytest
 
 from schemas.render import Accuracy, Camera, Orbit, OrbitCamera, RenderRequest, Shading
 from service.camera import resolve_camera
+from service.kernels.hull_bands import place_hull
 from service.kernels.hull_rim import LEAST_HALF_WIDTH, draw_rim
-from service.kernels.hull_visible import EMPTY, FACE_MASK, PLANES, SLACK, clip_points, draw_faces
+from service.kernels.hull_visible import EMPTY, FACE_MASK, PLANES, SLACK, draw_faces
+from service.render.bands import palette
 from service.render.frame import render_view
 from service.render.hull_cache import HullCache, hull_surface
-from service.render.passes.hull import palette
 from service.scene.place import own_view, place
 from tests.service.render.conftest import VIEWS
 from tests.service.render.made import SHAPES, clippable, prepared
@@ -70,13 +71,22 @@ def camera_points(asset, camera, width, height):
     return np.column_stack([positions, np.ones(len(positions))]) @ matrix.T, matrix
 
 
-def drawn(surface, matrix, width, height):
-    points = np.empty((len(surface.positions), 4))
-    planes = np.empty((len(surface.faces) + len(surface.edge_faces), PLANES))
-    front, words = np.empty(len(surface.faces), bool), np.empty((height, width + SLACK), np.int64)
-    clip_points(matrix, surface.positions, points)
-    draw_faces(points, surface.faces, surface.uv, 1.0, 0, 0, width, height, words, planes, front)
-    return points, planes, front, words
+def drawn(surface, matrix, width, height, half=None):
+    """(planes, front, words) of the hull in an image of this size, drawn in bands of 23 rows; with the rim when it has a width."""
+    faces, edges = len(surface.faces), len(surface.edge_faces)
+    points, front = np.empty((len(surface.positions), 4)), np.empty(faces, bool)
+    seen, rows, ends, places = np.empty(faces, np.int32), np.empty((faces, 2), np.int32), np.empty((edges, 4)), np.empty((edges, 4))
+    mesh = (surface.positions, surface.faces, surface.uv, surface.edge_vertices, surface.edge_faces)
+    shown, around = place_hull(matrix, mesh, 1.0, 0, height, points, front, seen, rows, ends, places)
+    planes, words = np.full((faces + edges, PLANES), np.nan), np.empty((height, width + SLACK), np.int64)
+    for top in range(0, height, 23):
+        end = min(top + 23, height)
+        band, own = words[top:end], np.full((faces + edges, PLANES), np.nan)
+        draw_faces(points, surface.faces, surface.uv, 1.0, seen[:shown], rows[:shown], 0, top, width, end, band, own)
+        if half is not None:
+            draw_rim(ends[:around], places[:around], half, faces, 0, top, width, end, band, own)
+        planes = np.where(np.isnan(planes), own, planes)
+    return planes, front, words
 
 
 def seen_faces(points, faces, width, height):
@@ -113,7 +123,7 @@ def seen_faces(points, faces, width, height):
 def test_each_pixel_shows_the_nearest_front_face(name, camera):
     asset = clippable(name)
     points, matrix = camera_points(asset, camera, 61, 47)
-    _, _, _, words = drawn(hull_surface(asset), matrix, 61, 47)
+    _, _, words = drawn(hull_surface(asset), matrix, 61, 47)
     shown = np.where(words[:, :61] == EMPTY, -1, words[:, :61] & FACE_MASK)
     expected = seen_faces(points, asset.hull["faces"], 61, 47)
     sure = expected != -2
@@ -126,7 +136,7 @@ def test_planes_find_the_place_in_the_map_of_every_pixel():
     asset = clippable("knot")
     points, matrix = camera_points(asset, {"eye": [2.0, 1.5, 2.5], "fov_y_deg": 70}, 80, 60)
     surface = hull_surface(asset)
-    _, planes, _, words = drawn(surface, matrix, 80, 60)
+    planes, _, words = drawn(surface, matrix, 80, 60)
     rows, columns = np.nonzero(words[:, :80] != EMPTY)
     for row, column in list(zip(rows, columns, strict=True))[::37]:
         f = words[row, column] & FACE_MASK
@@ -141,9 +151,8 @@ def test_rim_reaches_every_pixel_beside_an_outline_edge_from_the_nearest_one(hal
     asset = clippable("torus")
     points, matrix = camera_points(asset, {"eye": [2.0, 1.5, 2.5], "fov_y_deg": 60}, 70, 60)
     surface = hull_surface(asset)
-    made, planes, front, words = drawn(surface, matrix, 70, 60)
-    before = words.copy()
-    draw_rim(made, surface.faces, surface.uv, surface.edge_vertices, surface.edge_faces, front, half, 0, 0, 70, 60, words, planes)
+    _, front, before = drawn(surface, matrix, 70, 60)
+    _, _, words = drawn(surface, matrix, 70, 60, half)
     edges = surface.edge_vertices[front[surface.edge_faces[:, 0]] != front[surface.edge_faces[:, 1]]]
     ends = (points[:, :2] / points[:, 3:])[edges]
     y, x = np.nonzero(before[:, :70] == EMPTY)
@@ -165,8 +174,7 @@ def test_places_on_the_rim_lie_between_the_ends_of_their_edge(half):
     asset = clippable("torus")
     _, matrix = camera_points(asset, {"eye": [2.0, 1.5, 2.5], "fov_y_deg": 60}, 70, 60)
     surface = hull_surface(asset)
-    made, planes, front, words = drawn(surface, matrix, 70, 60)
-    draw_rim(made, surface.faces, surface.uv, surface.edge_vertices, surface.edge_faces, front, half, 0, 0, 70, 60, words, planes)
+    planes, front, words = drawn(surface, matrix, 70, 60, half)
     number = words[:, :70] & FACE_MASK
     beside = front[surface.edge_faces]
     outline = np.flatnonzero(beside[:, 0] != beside[:, 1])
