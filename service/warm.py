@@ -114,7 +114,8 @@ def _requests() -> Iterator[RenderRequest]:
     for source, antialias in WAYS:
         yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=source, antialias=antialias))
     yield RenderRequest(width=SIDE_PX, height=SIDE_PX, shading=Shading(mode=ShadingMode.MASK))
-    yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(smooth=True))
+    for camera in (WHOLE, BESIDE):
+        yield RenderRequest(camera=camera, width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(smooth=True))
     for antialias in (Antialias.COVERAGE, Antialias.LINE):
         yield RenderRequest(camera=BESIDE, width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=Source.CLIPPED, antialias=antialias))
 
