@@ -333,6 +333,41 @@ def test_a_part_turned_inside_out_bounds_nothing_and_needs_no_hull():
         enclosure_fault(np.float32(joined(ball, far)[0]), joined(ball, far)[1], np.float32(hull[0]), hull[1])
 
 
+@pytest.mark.parametrize("gap", [1e-6, 4e-7, 5e-5])
+def test_a_sheet_turned_inside_out_close_above_the_surface_is_no_fault(gap):
+    """As where a scan folds over: what lies above a real surface by less than any step bounds no interior of its own."""
+    box, slab = cube(4), cube(2)
+    fold = slab[0] * [0.5, 0.5, 4e-6] + [0.25, 0.25, 1.0 + gap]
+    folded = joined(box, (fold, slab[1][:, ::-1]))
+    assert enclosure_fault(np.float32(folded[0]), folded[1], np.float32(box[0]), box[1]) == 0
+    solid = joined(box, (fold, slab[1]))
+    with pytest.raises(NotEnclosedError):
+        enclosure_fault(np.float32(solid[0]), solid[1], np.float32(box[0]), box[1])
+
+
+def sliver_cube(height):
+    """[0, 1]^3 whose top has a face of that height along its whole diagonal."""
+    vertices, faces = cube(1)
+    top = [f for f in range(len(faces)) if np.all(vertices[faces[f], 2] == 1.0)]
+    one, other = faces[top[0]], faces[top[1]]
+    k = next(k for k in range(3) if one[(k + 2) % 3] not in other)
+    a, b, c, n = *np.roll(one, -k), len(vertices)
+    point = [0.5, 0.5, 1.0] + height * np.sign(vertices[c] - [0.5, 0.5, 1.0])
+    split = [[a, b, n], [n, b, c], [a, n, c]]
+    return np.float32(np.vstack([vertices, point])), np.vstack([np.delete(faces, top[0], axis=0), split]).astype(np.int32)
+
+
+@pytest.mark.parametrize("height", [0.0, 6e-8, 1e-3])
+def test_slivers_and_faces_without_area_neither_refuse_a_hull_nor_hide_a_dent(height):
+    positions, faces = sliver_cube(height)
+    assert enclosure_fault(positions, faces, positions, faces) == 0
+    for at in ([0.25, 0.25, 1.0], [0.5, 0.5, 1.0], [0.75, 0.625, 1.0], [0.625, 0.75, 1.0]):
+        assert enclosure_fault(positions, faces, *dented_cube(np.array(at), 0.0)) == 0
+        for depth in (0.3, 0.0101):
+            with pytest.raises(NotEnclosedError):
+                enclosure_fault(positions, faces, *dented_cube(np.array(at), depth))
+
+
 def dented_cube(at, depth):
     """A cube a little larger than [0, 1]^3 whose vertex nearest to `at` is pushed to it by depth along z."""
     vertices, faces = cube(16)
