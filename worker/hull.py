@@ -9,6 +9,7 @@ the inner hull, which the original encloses.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ import numpy as np
 from geometry.hull_sequence import replay_steps, steps_to
 from geometry.topology import build_edges, signed_volume
 from schemas.conventions import F4, I4
-from worker.kernels.collapse import COLLAPSES, CURSOR, DONE, GOING, STEPS, Progress, advance, new_progress
+from worker.kernels.collapse import COLLAPSES, CURSOR, DONE, FULL, GOING, STEPS, Progress, advance, new_progress
 from worker.kernels.collapse_mesh import build_collapse_mesh
 from worker.kernels.collapse_place import new_place
 from worker.kernels.collapse_queue import empty_queue
@@ -28,7 +29,7 @@ _PIECE = 20_000
 UNREACHED_EXCESS = 0.25
 """Excess (of an inner hull: loss) at which a hull stops when its face count cannot be reached (many handles or components): the
 last collapses before nothing moves any more make spikes several times the size of the original, for a count that is missed all
-the same."""
+the same. It is shrunk there: a dragon of 400,000 faces stops at 2,240 with 16 %."""
 _COSTING_PART = 0.05  # of the whole time goes into the first costs
 
 
@@ -54,8 +55,8 @@ class Hull:
 def build_hull(positions: F4, faces: I4, max_faces: int, progress: Callable[[float], None], side: Side = "outer") -> Hull:
     """Hull of at most max_faces faces of a closed oriented 2-manifold: one that encloses it, or, inner, that it encloses.
 
-    Where topology (which is kept) does not let so few faces be reached, the hull has the fewest whose volume excess is at
-    most UNREACHED_EXCESS; `len(hull.faces)` says how many. The sequence goes on to the end of what is possible either way.
+    Where topology (which is kept) does not let so few faces be reached, the hull is the one whose volume excess came to
+    UNREACHED_EXCESS, shrunk; `len(hull.faces)` says how many. The sequence goes on to the end of what is possible either way.
 
     positions: (v, 3) f4. faces: (f, 3) i4. progress is called with a fraction 0 ... 1 several times a second; what it raises
     passes through.
@@ -63,43 +64,54 @@ def build_hull(positions: F4, faces: I4, max_faces: int, progress: Callable[[flo
     """
     points, triangles = np.ascontiguousarray(positions, np.float32), np.ascontiguousarray(faces, np.int32)
     outward = triangles if side == "outer" else np.ascontiguousarray(triangles[:, ::-1])
-    record = _collapse_all(points, outward, max_faces, side, progress)
+    volume = signed_volume(points, triangles)
+    record, unreached = _collapse_all(points, outward, max_faces, UNREACHED_EXCESS * max(0.0, volume), side, progress)
     count = int(record.counters[STEPS])
     steps, places = record.vertices[:count].copy(), record.positions[:count].copy()
-    volume = signed_volume(points, triangles)
-    gained = np.concatenate([[0.0], np.cumsum(record.volume[:count])])
-    excess = gained / volume if volume > 0.0 else np.where(gained > 0.0, np.inf, 0.0)
-    level = steps_to(steps, len(triangles), max_faces)
-    if len(triangles) - 2 * int(record.counters[COLLAPSES]) > max_faces:
-        level = int(np.flatnonzero(excess <= UNREACHED_EXCESS)[-1])
+    reached = len(triangles) - 2 * int(record.counters[COLLAPSES]) <= max_faces
+    level = steps_to(steps, len(triangles), max_faces) if reached else unreached
+    gained = float(record.volume[:level].sum())
+    excess = gained / volume if volume > 0.0 else (math.inf if gained > 0.0 else 0.0)
     hull_positions, hull_faces = replay_steps(points, triangles, steps, places, level)
     level_faces, level_steps = np.array([len(hull_faces)], np.int32), np.array([level], np.int32)
-    signed = float(excess[level]) if side == "outer" else -float(excess[level])
-    return Hull(hull_positions, hull_faces, steps, places, level_faces, level_steps, signed)
+    return Hull(hull_positions, hull_faces, steps, places, level_faces, level_steps, excess if side == "outer" else -excess)
 
 
-def _collapse_all(points: F4, triangles: I4, max_faces: int, side: Side, progress: Callable[[float], None]) -> Progress:
-    """Collapse until nothing is left to collapse, with shrink passes on the way."""
+def _collapse_all(
+    points: F4, triangles: I4, max_faces: int, most_gained: float, side: Side, progress: Callable[[float], None]
+) -> tuple[Progress, int]:
+    """Collapse until nothing is left to collapse, with shrink passes on the way: at sizes, and when most_gained would be exceeded.
+
+    Returns the record and after how many of its steps to stop where it does not come to max_faces.
+    """
     edges = build_edges(triangles)
     mesh = build_collapse_mesh(points, triangles, edges.vertices, edges.faces)
     queue, place = empty_queue(len(edges.vertices)), new_place()
     record = new_progress(len(edges.vertices), len(triangles))
     shrinking = ShrinkPass(points, triangles, side)
+    sizes = [*shrink_sizes(len(triangles), max_faces), 0]
+    unreached, furthest = None, 0.0
 
     def report() -> None:
+        nonlocal furthest
         costed = record.counters[CURSOR] / max(1, len(edges.vertices))
         collapsed = record.counters[COLLAPSES] / max(1, len(triangles) // 2)
-        progress(float(_COSTING_PART * costed + (1.0 - _COSTING_PART) * collapsed))
+        # after a shrink pass all edges are costed again: that is no step back
+        furthest = max(furthest, float(_COSTING_PART * costed + (1.0 - _COSTING_PART) * collapsed))
+        progress(furthest)
 
-    for faces in [*shrink_sizes(len(triangles), max_faces), 0]:
-        state = GOING
-        while state == GOING:
-            state = advance(mesh, queue, record, place, _PIECE, faces)
-            report()
-        if faces:
+    state = GOING
+    while state != DONE:
+        state = advance(mesh, queue, record, place, _PIECE, sizes[0], most_gained)
+        report()
+        if state == GOING or (state == DONE and unreached is not None):
+            continue
+        if sizes[0] or state == FULL:
             record = shrinking.run(mesh, record, report)
             record.counters[CURSOR] = 0
-        if state == DONE:
-            break
+        if state == FULL:
+            most_gained, unreached = math.inf, int(record.counters[STEPS])
+        else:
+            del sizes[0]
     progress(1.0)
-    return record
+    return record, int(record.counters[STEPS]) if unreached is None else unreached

@@ -55,6 +55,7 @@ class ShrinkPass:
             record.vertices[step : step + count, 0], record.vertices[step : step + count, 1] = moved[:count], MOVE
             record.volume[step : step + count] = -gains[:count]
             record.counters[STEPS] += count
+            record.gained[0] -= gains[:count].sum()
             report()
         return record
 

@@ -202,6 +202,23 @@ def test_a_count_that_cannot_be_reached_gives_a_tight_hull_and_the_whole_sequenc
     assert 20 <= len(fewest) < len(hull.faces)
 
 
+@pytest.mark.parametrize(("side", "left"), [("outer", 0.7), ("inner", 1.0)])
+def test_a_hull_that_stops_short_of_its_count_is_shrunk_where_it_stops(side, left):
+    positions, faces, _ = normalised(joined(*(sphere(3, 0.3, (x, 0, 0)) for x in range(5))))
+    hull = build_hull(positions, faces, 10, quiet, side)
+    level, volume = int(hull.level_steps[0]), signed_volume(positions, faces)
+    collapses = np.flatnonzero(hull.step_vertices[:, 1] != MOVE)
+    last = int(collapses[collapses < level][-1])
+    assert level - last > 5
+    before, after = (
+        abs(signed_volume(*replay_steps(positions, faces, hull.step_vertices, hull.step_positions, k)) / volume - 1.0)
+        for k in (last + 1, level)
+    )
+    assert 0.9 * UNREACHED_EXCESS < before <= UNREACHED_EXCESS
+    assert after < left * before
+    assert abs(hull.volume_excess) == pytest.approx(after, abs=1e-9)
+
+
 def test_components_and_genus_are_kept():
     mesh = joined(torus(24, 12), sphere(2, 0.3, (3.0, 0, 0)), torus(20, 10, 0.5, 0.1))
     positions, faces, hull = hull_of(mesh, 80)
@@ -271,6 +288,15 @@ def test_cutting_again_gives_the_same_hull_at_every_size():
     assert hull.level_faces.tolist() == [len(level[1])]
     volumes = [signed_volume(*cut(positions, faces, hull, n)) for n in range(len(faces), 20, -50)]
     assert np.all(np.diff(volumes) >= -1e-12)
+
+
+def test_progress_never_falls_when_edges_are_costed_again(monkeypatch):
+    monkeypatch.setattr("worker.hull._PIECE", 100)
+    seen: list[float] = []
+    positions, faces, _ = normalised(bumpy_sphere(4))
+    hull = build_hull(positions, faces, 400, seen.append)
+    assert np.any(hull.step_vertices[:, 1] == MOVE)
+    assert seen == sorted(seen)
 
 
 def test_progress_rises_to_one_and_cancelling_stops():

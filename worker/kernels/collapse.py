@@ -40,15 +40,15 @@ Measured against costing it at once: half the time, hulls as tight. Under its wh
 """
 
 CURSOR, COLLAPSES, MARK, WORK, STEPS = 0, 1, 2, 3, 4  # places in Progress.counters
-DONE, GOING, REACHED = 0, 1, 2
-"""What `advance` says: nothing is left to collapse, there is more to do, as few faces as asked for."""
+DONE, GOING, REACHED, FULL = 0, 1, 2, 3
+"""What `advance` says: nothing is left to collapse, there is more to do, as few faces as asked for, no more volume is allowed."""
 _ROUNDING_TRIES = (1.0, 4.0)  # rounding margins for a second and a third try
 
 
 class Progress(NamedTuple):
     """counters: (5,) i8 (next edge to cost at the start, collapses made, last mark, edges costed, steps recorded). state of the e
     edges: target (e, 3) f8 new vertex, stale (e,) bool, seen (e,) i8. Record of s steps, collapses and moves: vertices (s, 2) i4,
-    positions (s, 3) f4, volume (s,) f8 gained.
+    positions (s, 3) f4, volume (s,) f8 gained. gained (1,) f8: the sum of that so far.
     """
 
     counters: np.ndarray
@@ -58,6 +58,7 @@ class Progress(NamedTuple):
     vertices: np.ndarray
     positions: np.ndarray
     volume: np.ndarray
+    gained: np.ndarray
 
 
 def new_progress(edge_count: int, face_count: int) -> Progress:
@@ -71,6 +72,7 @@ def new_progress(edge_count: int, face_count: int) -> Progress:
         np.empty((limit, 2), np.int32),
         np.empty((limit, 3), np.float32),
         np.empty(limit),
+        np.zeros(1),
     )
 
 
@@ -151,14 +153,14 @@ def _second_choice(mesh, progress, place, e, count, count_a):
 
 
 @njit(cache=True)
-def _front(mesh, queue, progress, place, e):
-    """Treat the edge at the front: collapse it, send it back under a new key, or drop it."""
+def _front(mesh, queue, progress, place, e, most_gained):
+    """Treat the edge at the front: collapse it, send it back under a new key, or drop it; False when it would gain too much."""
     h = mesh.half[e]
     count, count_a = _gather(mesh, place, h)
     progress.counters[MARK] += 1
     if count == 0 or not keeps_topology(mesh, place.fan, count, count_a, progress.counters[MARK]):
         remove(queue, e)
-        return
+        return True
     for k in range(3):
         place.point[k] = progress.target[e, k]
     if not _accepts(mesh, place, count, count_a):
@@ -168,17 +170,22 @@ def _front(mesh, queue, progress, place, e):
         else:
             # never below the old key: the front would not advance
             put(queue, e, max(queue.key[e], _key(mesh, h, cost)))
-        return
-    _commit(mesh, queue, progress, place, e, count, count_a)
+        return True
+    volume = volume_gained(mesh, place, count)
+    if progress.gained[0] + volume > most_gained:
+        return False
+    _commit(mesh, queue, progress, place, e, count, count_a, volume)
+    return True
 
 
 @njit(cache=True)
-def _commit(mesh, queue, progress, place, e, count, count_a):
+def _commit(mesh, queue, progress, place, e, count, count_a, volume):
     h = place.fan[0]
     a, b = mesh.corner[h], mesh.corner[following(h)]
     step = progress.counters[STEPS]
     progress.vertices[step, 0], progress.vertices[step, 1] = a, b
-    progress.volume[step] = volume_gained(mesh, place, count)
+    progress.volume[step] = volume
+    progress.gained[0] += volume
     for k in range(3):
         mesh.positions[a, k] = place.point[k]
         progress.positions[step, k] = place.point[k]
@@ -244,8 +251,10 @@ def volume_gained(mesh, place, count):
 
 
 @njit(cache=True)
-def advance(mesh, queue, progress, place, work, least_faces):
-    """Go on until about `work` more edges are costed, or at most least_faces are left; returns DONE, GOING or REACHED."""
+def advance(mesh, queue, progress, place, work, least_faces, most_gained):
+    """Go on until about `work` more edges are costed, at most least_faces are left, or the cheapest edge would gain so much
+    volume that the sum exceeds most_gained; returns DONE, GOING, REACHED or FULL.
+    """
     counters = progress.counters
     end = counters[WORK] + work
     while counters[CURSOR] < mesh.half.shape[0]:
@@ -254,9 +263,8 @@ def advance(mesh, queue, progress, place, work, least_faces):
         if mesh.half[counters[CURSOR]] >= 0:
             _cost(mesh, queue, progress, place, counters[CURSOR])
         counters[CURSOR] += 1
-    faces = mesh.corner.shape[0] // 3 - 2 * counters[COLLAPSES]
     while queue.size[0] > 0:
-        if faces <= least_faces:
+        if mesh.corner.shape[0] // 3 - 2 * counters[COLLAPSES] <= least_faces:
             return REACHED
         if counters[WORK] >= end:
             return GOING
@@ -265,6 +273,6 @@ def advance(mesh, queue, progress, place, work, least_faces):
             _cost(mesh, queue, progress, place, e)
         else:
             counters[WORK] += 1
-            _front(mesh, queue, progress, place, e)
-            faces = mesh.corner.shape[0] // 3 - 2 * counters[COLLAPSES]
+            if not _front(mesh, queue, progress, place, e, most_gained):
+                return FULL
     return DONE
