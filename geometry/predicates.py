@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from geometry import expansions as ex
+from geometry.borrowing import owning
 
 # (7 + 56 u) u with u = 2^-53: Shewchuk's bound for orient3d evaluated as below, relative to the permanent
 ORIENT_ERROR = 7.771561172376103e-16
@@ -18,7 +19,7 @@ UNDERFLOW_GUARD = 1e-280
 _RAISE, _RAISABLE = 2.0**500, 2.0**400
 
 
-@njit(cache=True)
+@owning
 def _exact_orient(a, b, c, x, y, z, w):
     """Sign of det[b - a, c - a, (x, y, z) - w a] by expansions; a, b, c: (3,), w is 0 or 1."""
     ux, nux = ex.difference(np.float64(b[0]), np.float64(a[0]))

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
+
 LEAF = 4
 STACK = 64  # a heap of 2^30 leaves is 31 deep
 
@@ -76,7 +78,7 @@ def build_boxes(positions, faces):
     return order, _boxes(positions, faces, order)
 
 
-@njit(cache=True)
+@borrowing
 def boxes_meet(one, other):
     """Whether two boxes (6,), low and high corners, have a point in common."""
     apart = one[3] < other[0] or one[0] > other[3] or one[4] < other[1] or one[1] > other[4]

@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from geometry.borrowing import borrowing
 from worker.kernels.collapse_mesh import (
     collapse,
     following,
@@ -76,7 +76,7 @@ def new_progress(edge_count: int, face_count: int) -> Progress:
     )
 
 
-@njit(cache=True)
+@borrowing
 def _gather(mesh, place, h):
     """Gather and measure the fan of h; (0, 0) when the edge cannot be collapsed whatever its vertex."""
     a, b = mesh.corner[h], mesh.corner[following(h)]
@@ -88,7 +88,7 @@ def _gather(mesh, place, h):
     return count, count_a
 
 
-@njit(cache=True)
+@borrowing
 def _key(mesh, h, cost):
     """Place in the queue: by volume and a little by length; what costs nothing comes first, short edges before long ones."""
     p, q = mesh.positions[mesh.corner[h]], mesh.positions[mesh.corner[following(h)]]
@@ -97,13 +97,13 @@ def _key(mesh, h, cost):
     return cost + SHAPE * length if cost > 0.0 else FREE * length
 
 
-@njit(cache=True)
+@borrowing
 def _keep_target(progress, place, e):
     for k in range(3):
         progress.target[e, k] = place.point[k]
 
 
-@njit(cache=True)
+@borrowing
 def _cost(mesh, queue, progress, place, e):
     """Cost edge e anew and put it in its place."""
     progress.stale[e] = False
@@ -127,12 +127,12 @@ def _cost(mesh, queue, progress, place, e):
     put(queue, e, _key(mesh, h, best))
 
 
-@njit(cache=True)
+@borrowing
 def _accepts(mesh, place, count, count_a):
     return well_shaped(mesh, place, count, count_a) and encloses(mesh, place, count)
 
 
-@njit(cache=True)
+@borrowing
 def _second_choice(mesh, progress, place, e, count, count_a):
     """Cheapest dearer placement that is accepted, kept as the target; returns its cost."""
     best = np.inf
@@ -152,7 +152,7 @@ def _second_choice(mesh, progress, place, e, count, count_a):
     return best
 
 
-@njit(cache=True)
+@borrowing
 def _front(mesh, queue, progress, place, e, most_gained):
     """Treat the edge at the front: collapse it, send it back under a new key, or drop it; False when it would gain too much."""
     h = mesh.half[e]
@@ -178,7 +178,7 @@ def _front(mesh, queue, progress, place, e, most_gained):
     return True
 
 
-@njit(cache=True)
+@borrowing
 def _commit(mesh, queue, progress, place, e, count, count_a, volume):
     h = place.fan[0]
     a, b = mesh.corner[h], mesh.corner[following(h)]
@@ -198,7 +198,7 @@ def _commit(mesh, queue, progress, place, e, count, count_a, volume):
     _renew(mesh, queue, progress, place, a)
 
 
-@njit(cache=True)
+@borrowing
 def _postpone(mesh, queue, progress, place, e):
     """Have edge e costed soon; at once when it could not be collapsed so far."""
     if queue.slot[e] < 0:
@@ -208,7 +208,7 @@ def _postpone(mesh, queue, progress, place, e):
         put(queue, e, HASTE * queue.key[e])
 
 
-@njit(cache=True)
+@borrowing
 def _renew(mesh, queue, progress, place, a):
     """Edges whose F(i+1) changed: those at a are costed now, those at its neighbours when they come to the front."""
     progress.counters[MARK] += 1
@@ -238,7 +238,7 @@ def _renew(mesh, queue, progress, place, a):
             break
 
 
-@njit(cache=True)
+@borrowing
 def volume_gained(mesh, place, count):
     """Sum of the tetrahedra from place.point to the faces of the fan, term by term (all are at least zero)."""
     local, point = place.local, place.point
@@ -250,7 +250,7 @@ def volume_gained(mesh, place, count):
     return total * local[3] * local[3] / 6.0
 
 
-@njit(cache=True)
+@borrowing
 def advance(mesh, queue, progress, place, work, least_faces, most_gained):
     """Go on until about `work` more edges are costed, at most least_faces are left, or the cheapest edge would gain so much
     volume that the sum exceeds most_gained; returns DONE, GOING, REACHED or FULL.

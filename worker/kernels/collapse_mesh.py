@@ -19,6 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
+
 FAN_LIMIT = 512
 """Faces around an edge; where there are more, the edge is not collapsed (until collapses beside it have made it fewer)."""
 
@@ -91,7 +93,7 @@ def _fans(opposite, out):
     return met
 
 
-@njit(cache=True)
+@borrowing
 def gather_fan(opposite, h, fan):
     """Faces around either end of h as half-edges that start at a or b; returns (count, count at a), count -1 when too many.
 
@@ -119,7 +121,7 @@ def gather_fan(opposite, h, fan):
     return n, count_a
 
 
-@njit(cache=True)
+@borrowing
 def keeps_topology(mesh, fan, count, count_a, mark):
     """Link condition: the ends share exactly the two vertices opposite to the edge, and are no tetrahedron's.
 
@@ -139,7 +141,7 @@ def keeps_topology(mesh, fan, count, count_a, mark):
     return shared == 0
 
 
-@njit(cache=True)
+@borrowing
 def collapse(mesh, fan, count, count_a):
     """Merge b into a; positions are left alone. Returns the two edges that are gone beside the collapsed one."""
     corner, opposite, edge, half, out = mesh.corner, mesh.opposite, mesh.edge, mesh.half, mesh.out
@@ -156,7 +158,7 @@ def collapse(mesh, fan, count, count_a):
     return lost_left, lost_right
 
 
-@njit(cache=True)
+@borrowing
 def _zip(corner, opposite, edge, half, out, from_b, from_a):
     """Glue the outer neighbours of a vanishing face's two other half-edges; the edge at a survives, that at b is returned."""
     x, y = opposite[from_b], opposite[from_a]

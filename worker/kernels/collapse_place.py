@@ -18,8 +18,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from geometry.borrowing import borrowing
 from geometry.predicates import orient_sign
 from worker.kernels.collapse_mesh import FAN_LIMIT, following, preceding
 from worker.kernels.linear_program import BOX_ROWS, INFEASIBLE, solve3
@@ -73,7 +73,7 @@ def new_place() -> Place:
     )
 
 
-@njit(cache=True)
+@borrowing
 def measure_fan(mesh, place, count):
     """Local frame, planes, area vectors and objective of the gathered fan; False when all its vertices coincide."""
     positions, corner, fan, local = mesh.positions, mesh.corner, place.fan, place.local
@@ -110,13 +110,13 @@ def measure_fan(mesh, place, count):
     return True
 
 
-@njit(cache=True)
+@borrowing
 def _margin(local):
     """Local units that rounding to float32 can move a coordinate, anywhere in the box."""
     return HALF_ULP * (max(abs(local[0]), abs(local[1]), abs(local[2])) / local[3] + REACH)
 
 
-@njit(cache=True)
+@borrowing
 def _plane_rows(place, count, margin):
     """Rows of the linear program from the planes moved outwards; returns their number."""
     n = 0
@@ -130,7 +130,7 @@ def _plane_rows(place, count, margin):
     return n
 
 
-@njit(cache=True)
+@borrowing
 def _fold_rows(mesh, place, count, count_a, n):
     """Rows that keep the new vertex on the inner side of every outer edge, seen along the old face's normal."""
     positions, corner, fan, local = mesh.positions, mesh.corner, place.fan, place.local
@@ -159,7 +159,7 @@ def _fold_rows(mesh, place, count, count_a, n):
     return n
 
 
-@njit(cache=True)
+@borrowing
 def _to_float32(place, x, y, z):
     """Local point to the rounded world point in place.point."""
     local, point = place.local, place.point
@@ -168,7 +168,7 @@ def _to_float32(place, x, y, z):
     point[2] = np.float64(np.float32(local[2] + z * local[3]))
 
 
-@njit(cache=True)
+@borrowing
 def gained(place, count):
     """Volume of the tetrahedra from place.point to the faces of the fan, each at least zero; world units."""
     local, point = place.local, place.point
@@ -178,7 +178,7 @@ def gained(place, count):
     return max(0.0, total) * local[3] ** 3 / 6.0
 
 
-@njit(cache=True)
+@borrowing
 def corner_cost(mesh, place, count, count_a, end):
     """Cost of the end a (0) or b (1) of the edge as the new vertex, put into place.point; inf when it is inside a plane.
 
@@ -204,7 +204,7 @@ def corner_cost(mesh, place, count, count_a, end):
     return total * local[3] ** 3 / 6.0
 
 
-@njit(cache=True)
+@borrowing
 def best_outside(place, count, widen):
     """Optimum over the planes (moved out by `widen` rounding margins) into place.point; returns its cost, inf when none."""
     n = _plane_rows(place, count, widen * _margin(place.local))
@@ -215,7 +215,7 @@ def best_outside(place, count, widen):
     return gained(place, count)
 
 
-@njit(cache=True)
+@borrowing
 def best_unfolded(mesh, place, count, count_a, widen):
     """As best_outside, with no face turned over."""
     n = _plane_rows(place, count, widen * _margin(place.local))
@@ -227,7 +227,7 @@ def best_unfolded(mesh, place, count, count_a, widen):
     return gained(place, count)
 
 
-@njit(cache=True)
+@borrowing
 def encloses(mesh, place, count):
     """Whether place.point is on or outside the plane of every face of the fan, decided exactly."""
     positions, corner, point = mesh.positions, mesh.corner, place.point
@@ -239,7 +239,7 @@ def encloses(mesh, place, count):
     return True
 
 
-@njit(cache=True)
+@borrowing
 def well_shaped(mesh, place, count, count_a):
     """Whether the new faces have area and none turns over against the face that it replaces."""
     positions, corner, fan, point = mesh.positions, mesh.corner, place.fan, place.point
@@ -268,7 +268,7 @@ def well_shaped(mesh, place, count, count_a):
     return flattest >= max(limit, FLATTEST_EVER)
 
 
-@njit(cache=True)
+@borrowing
 def _longest(positions, i, j, m):
     """Longest squared edge of a face."""
     longest = 0.0

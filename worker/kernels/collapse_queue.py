@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from geometry.borrowing import borrowing
 
 
 class EdgeQueue(NamedTuple):
@@ -27,7 +28,7 @@ def empty_queue(edge_count: int) -> EdgeQueue:
     )
 
 
-@njit(cache=True)
+@borrowing
 def _up(queue, i):
     key, slot, heap = queue.key, queue.slot, queue.heap
     e = heap[i]
@@ -44,7 +45,7 @@ def _up(queue, i):
     slot[e] = i
 
 
-@njit(cache=True)
+@borrowing
 def _down(queue, i):
     key, slot, heap = queue.key, queue.slot, queue.heap
     n = queue.size[0]
@@ -69,7 +70,7 @@ def _down(queue, i):
     slot[e] = i
 
 
-@njit(cache=True)
+@borrowing
 def put(queue, e, key):
     """Insert edge e, or move it to its new key; an infinite key takes it out. Equal keys are served by edge number."""
     if key == np.inf:
@@ -89,7 +90,7 @@ def put(queue, e, key):
         _down(queue, i)
 
 
-@njit(cache=True)
+@borrowing
 def remove(queue, e):
     """Take edge e out, if it is in."""
     i = queue.slot[e]

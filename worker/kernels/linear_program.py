@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from geometry.borrowing import borrowing
 
 OPTIMAL = 0
 INFEASIBLE = 1
@@ -27,7 +28,7 @@ _AT_BOX = 1.0 - 1e-9  # beyond this part of the reach the box decided, not a con
 BOX_ROWS = 6
 
 
-@njit(cache=True)
+@borrowing
 def _prepare(normals, offsets, count):
     """Normalise the rows to unit length in place, drop the void ones, shuffle. Returns the rows left, -1 when one is false."""
     n = 0
@@ -55,7 +56,7 @@ def _prepare(normals, offsets, count):
     return n
 
 
-@njit(cache=True)
+@borrowing
 def _solve1(rows, count, qx, qy, dx, dy, slope, bound, tolerance):
     """Best t of q + t d over the first rows; returns (feasible, t)."""
     low, high = -bound, bound
@@ -83,7 +84,7 @@ def _solve1(rows, count, qx, qy, dx, dy, slope, bound, tolerance):
     return True, min(max(0.0, low), high)
 
 
-@njit(cache=True)
+@borrowing
 def _solve2(rows, count, cx, cy, bound, tolerance):
     """Minimise (cx, cy) . y subject to rows[j, :2] . y >= rows[j, 2] and |y| <= bound; returns (feasible, y0, y1)."""
     y0 = -bound if cx > _NO_SLOPE else (bound if cx < -_NO_SLOPE else 0.0)
@@ -105,7 +106,7 @@ def _solve2(rows, count, cx, cy, bound, tolerance):
     return True, y0, y1
 
 
-@njit(cache=True)
+@borrowing
 def _project(normals, offsets, i, reach, ux, uy, uz, wx, wy, wz, work):
     """Rows before i and the box, restricted to plane i with basis u, w about the foot of the origin; returns their number."""
     nx, ny, nz, b = normals[i, 0], normals[i, 1], normals[i, 2], offsets[i]
@@ -124,7 +125,7 @@ def _project(normals, offsets, i, reach, ux, uy, uz, wx, wy, wz, work):
     return i + BOX_ROWS
 
 
-@njit(cache=True)
+@borrowing
 def solve3(normals, offsets, count, objective, reach, work):
     """Minimise objective . x subject to normals[i] . x >= offsets[i], i < count, and |x_k| <= reach.
 

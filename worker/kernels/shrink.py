@@ -13,14 +13,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from geometry.borrowing import borrowing
 from geometry.predicates import orient_sign
+from worker.kernels.bake_boxes import STACK
 from worker.kernels.collapse_mesh import following, preceding
 from worker.kernels.collapse_place import HALF_ULP
 from worker.kernels.linear_program import BOX_ROWS, INFEASIBLE, solve3
-from worker.kernels.shrink_obstacle import MOST_CORNERS, obstacle
-from worker.kernels.verify_enclosure import winding_numbers
+from worker.kernels.shrink_obstacle import MOST_CORNERS, Search, copy_point, copy_points, obstacle
+from worker.kernels.verify_enclosure import winding_number
 
 RING_LIMIT = 48
 """Neighbours of a vertex; one with more stays where it is."""
@@ -71,6 +72,7 @@ class Fit(NamedTuple):
     clipped: np.ndarray
     worst: np.ndarray
     middles: np.ndarray
+    search: Search
 
 
 def new_fit() -> Fit:
@@ -79,10 +81,11 @@ def new_fit() -> Fit:
     return Fit(
         np.empty(RING_LIMIT + 1, np.int32), np.empty((n, 3)), np.empty(n), np.empty((n, 3)), np.empty(n), np.empty((n + BOX_ROWS, 3)),
         np.empty(3), np.empty(3), np.empty((4, 3)), np.empty((2, MOST_CORNERS, 3)), np.empty(3), np.empty((RING_LIMIT, 3)),
+        Search(np.empty(STACK, np.int64), np.empty((4, 5)), np.empty(6)),
     )  # fmt: skip
 
 
-@njit(cache=True)
+@borrowing
 def _gather_ring(mesh, v, ring):
     """Neighbours of v, its faces being (v, ring[i], ring[i + 1]), the first again at the end; their number, 0 when too many."""
     n, first = 0, mesh.out[v]
@@ -99,7 +102,7 @@ def _gather_ring(mesh, v, ring):
     return n
 
 
-@njit(cache=True)
+@borrowing
 def _radius(positions, v, ring, n):
     radius = 0.0
     for i in range(n):
@@ -108,7 +111,7 @@ def _radius(positions, v, ring, n):
     return radius
 
 
-@njit(cache=True)
+@borrowing
 def _cut_row(fit, n, v, a, b, q, scale, margin):
     """Row n: the point q stays below the face from the new vertex to a and b."""
     ax, ay, az = (a[0] - v[0]) * scale, (a[1] - v[1]) * scale, (a[2] - v[2]) * scale
@@ -124,10 +127,10 @@ def _cut_row(fit, n, v, a, b, q, scale, margin):
     return n + 1
 
 
-@njit(cache=True)
+@borrowing
 def _first_rows(fit, positions, v, count, scale):
     """Objective, and rows against depth and folds; returns how many, -1 when a face has no plane."""
-    fit.objective[:] = 0.0
+    fit.objective[0], fit.objective[1], fit.objective[2] = 0.0, 0.0, 0.0
     n = 0
     for i in range(count):
         a, b = positions[fit.ring[i]], positions[fit.ring[i + 1]]
@@ -153,7 +156,7 @@ def _first_rows(fit, positions, v, count, scale):
     return n
 
 
-@njit(cache=True)
+@borrowing
 def _put(fit, v, x, y, z, radius):
     """The local point, rounded to float32, into fit.place."""
     fit.place[0] = np.float64(np.float32(v[0] + x * radius))
@@ -161,7 +164,7 @@ def _put(fit, v, x, y, z, radius):
     fit.place[2] = np.float64(np.float32(v[2] + z * radius))
 
 
-@njit(cache=True)
+@borrowing
 def _well_shaped(fit, positions, v, count):
     """Whether no face turns over and none becomes flat that was not."""
     w = fit.place
@@ -182,16 +185,18 @@ def _well_shaped(fit, positions, v, count):
     return True
 
 
-@njit(cache=True)
+@borrowing
 def _free(original, fit, positions, v, count, rows, scale, margin):
     """(whether the sweep to fit.place is free, rows): one more row for each face that has a point of the original above it."""
     tet, free, swept = fit.tet, True, 0
-    tet[0], tet[3] = positions[v], fit.place
+    copy_point(positions[v], tet[0])
+    copy_point(fit.place, tet[3])
     for i in range(count):
-        tet[1], tet[2] = positions[fit.ring[i]], positions[fit.ring[i + 1]]
+        copy_point(positions[fit.ring[i]], tet[1])
+        copy_point(positions[fit.ring[i + 1]], tet[2])
         if orient_sign(tet[0], tet[1], tet[2], tet[3, 0], tet[3, 1], tet[3, 2], 1.0) >= 0:
             continue  # outwards: nothing is taken from the hull
-        state = obstacle(original.corners, original.order, original.boxes, tet, fit.clipped, fit.worst)
+        state = obstacle(original.corners, original.order, original.boxes, tet, fit.clipped, fit.worst, fit.search)
         if state:
             free = False
         if state == 2 and rows < fit.rows.shape[0]:
@@ -200,21 +205,21 @@ def _free(original, fit, positions, v, count, rows, scale, margin):
             fit.middles[swept, k] = 0.25 * (tet[0, k] + tet[1, k] + tet[2, k] + tet[3, k])
         swept += 1
     if free and swept:
-        inside, _ = winding_numbers(original.positions, original.faces, original.order, original.boxes, fit.middles[:swept])
+        surface = (original.positions, original.faces, original.order, original.boxes)
         for i in range(swept):
-            if inside[i] > original.most:
+            if winding_number(*surface, fit.middles[i], fit.search.stack, fit.search.reach)[0] > original.most:
                 return False, rows
     return free, rows
 
 
-@njit(cache=True)
+@borrowing
 def _taken(fit, v, radius):
     """Volume that the way from v to the rounded place takes from the hull."""
     g, w = fit.objective, fit.place
     return -(g[0] * (w[0] - v[0]) + g[1] * (w[1] - v[1]) + g[2] * (w[2] - v[2])) * radius**2 / 6.0
 
 
-@njit(cache=True)
+@borrowing
 def best_place(mesh, original, fit, v):
     """Volume that moving vertex v to fit.place takes from the hull, normalised units cubed; 0 when it stays."""
     positions = mesh.positions
@@ -233,8 +238,9 @@ def best_place(mesh, original, fit, v):
     g = fit.objective
     x, y, z = 0.0, 0.0, 0.0
     for _ in range(CUTS):
-        fit.used_rows[:rows] = fit.rows[:rows]
-        fit.used_bounds[:rows] = fit.bounds[:rows]
+        copy_points(fit.rows, rows, fit.used_rows)
+        for n in range(rows):
+            fit.used_bounds[n] = fit.bounds[n]
         status, x, y, z = solve3(fit.used_rows, fit.used_bounds, rows, g, REACH, fit.work)
         if status == INFEASIBLE or g[0] * x + g[1] * y + g[2] * z > -LEAST_GAIN:
             return 0.0
@@ -253,7 +259,7 @@ def best_place(mesh, original, fit, v):
     return 0.0
 
 
-@njit(cache=True)
+@borrowing
 def shrink(mesh, original, fit, alive, start, end, moved, places, gains):
     """Move the vertices alive[start:end] (i4) that can be moved; returns how many.
 

@@ -9,12 +9,13 @@ weakly: one of a face of either, decided exactly, or one along an edge of each w
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from geometry.borrowing import borrowing
 from geometry.predicates import UNDERFLOW_GUARD, orient_sign
-from worker.kernels.bake_boxes import LEAF, STACK, boxes_meet
+from worker.kernels.bake_boxes import LEAF, boxes_meet
 
 ROOM = 1e-13
 """Normalised units between two shadows on an axis that float64 cannot have made up."""
@@ -27,7 +28,29 @@ PLANES = ((3, 1, 2, 1), (0, 1, 2, -1), (0, 3, 1, -1), (0, 2, 3, -1))
 EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
-@njit(cache=True)
+class Search(NamedTuple):
+    """Scratch of one search. stack: (STACK,) i8. planes: (4, 5) f8. reach: (6,) f8, a box."""
+
+    stack: np.ndarray
+    planes: np.ndarray
+    reach: np.ndarray
+
+
+@borrowing
+def copy_point(point, into):
+    """As into[:] = point, which would make room for a copy."""
+    for k in range(3):
+        into[k] = point[k]
+
+
+@borrowing
+def copy_points(points, count, into):
+    """As into[:count] = points[:count]."""
+    for n in range(count):
+        copy_point(points[n], into[n])
+
+
+@borrowing
 def _measure_planes(tet, planes):
     """planes (4, 5) f8 of the tetrahedron: normal towards its inside, offset, error of a height in it that float64 may make."""
     farthest = 1.0
@@ -44,7 +67,7 @@ def _measure_planes(tet, planes):
         planes[n, 4] = HEIGHT_ERROR * size * farthest + UNDERFLOW_GUARD
 
 
-@njit(cache=True)
+@borrowing
 def _box_beyond(planes, box):
     """Whether a plane has the whole box surely on its other side."""
     for n in range(4):
@@ -55,7 +78,7 @@ def _box_beyond(planes, box):
     return False
 
 
-@njit(cache=True)
+@borrowing
 def _beyond_a_face(tet, planes, tri):
     """Whether the plane of a face of the tetrahedron has the whole triangle on its other side, or in it."""
     for n in range(4):
@@ -73,7 +96,7 @@ def _beyond_a_face(tet, planes, tri):
     return False
 
 
-@njit(cache=True)
+@borrowing
 def _on_one_side(tet, tri):
     """Whether the triangle's plane has the whole tetrahedron on one side."""
     above, below = False, False
@@ -83,7 +106,7 @@ def _on_one_side(tet, tri):
     return not (above and below)
 
 
-@njit(cache=True)
+@borrowing
 def _apart_along_edges(tet, tri):
     """Whether the shadows on the normal of an edge of each are apart by ROOM."""
     for p, q in EDGES:
@@ -108,11 +131,11 @@ def _apart_along_edges(tet, tri):
     return False
 
 
-@njit(cache=True)
+@borrowing
 def _clip(tet, planes, tri, polygon, other):
     """The part of the triangle in the tetrahedron, rounded, into polygon (MOST_CORNERS, 3); returns its corners."""
     n = 3
-    polygon[:3] = tri
+    copy_points(tri, 3, polygon)
     for side in range(4):
         p = PLANES[side][0]
         nx, ny, nz = planes[side, 0], planes[side, 1], planes[side, 2]
@@ -122,7 +145,7 @@ def _clip(tet, planes, tri, polygon, other):
             here = nx * (polygon[k, 0] - tet[p, 0]) + ny * (polygon[k, 1] - tet[p, 1]) + nz * (polygon[k, 2] - tet[p, 2])
             there = nx * (polygon[j, 0] - tet[p, 0]) + ny * (polygon[j, 1] - tet[p, 1]) + nz * (polygon[j, 2] - tet[p, 2])
             if here >= 0.0 and m < MOST_CORNERS:
-                other[m] = polygon[k]
+                copy_point(polygon[k], other[m])
                 m += 1
             if here * there < 0.0 and m < MOST_CORNERS:
                 t = here / (here - there)
@@ -130,13 +153,13 @@ def _clip(tet, planes, tri, polygon, other):
                     other[m, axis] = polygon[k, axis] + t * (polygon[j, axis] - polygon[k, axis])
                 m += 1
         n = m
-        polygon[:n] = other[:n]
+        copy_points(other, n, polygon)
         if n == 0:
             return 0
     return n
 
 
-@njit(cache=True)
+@borrowing
 def _angle(tet, q):
     """Angle about the edge (a, b) from the new face (w, a, b) up to the point q; larger is worse."""
     bx, by, bz = tet[2, 0] - tet[1, 0], tet[2, 1] - tet[1, 1], tet[2, 2] - tet[1, 2]
@@ -149,14 +172,14 @@ def _angle(tet, q):
     return math.atan2((nx * x + ny * y + nz * z) * edge, ix * x + iy * y + iz * z)
 
 
-@njit(cache=True)
-def obstacle(original, order, boxes, tet, scratch, worst):
+@borrowing
+def obstacle(original, order, boxes, tet, scratch, worst, search):
     """Whether triangles of the original have points in the open tetrahedron (4, 3) f8 (v, a, b, w), w exactly below (v, a, b).
 
     original (f, 3, 3) f8 corners with float32 values; order, boxes: `bake_boxes.build_boxes` of it. scratch: (2, MOST_CORNERS, 3)
     f8. Returns (0 free, 1 in the way, 2 in the way and worst (3,) f8 is the point the new face must be turned outwards to).
     """
-    stack, planes, reach = np.empty(STACK, np.int64), np.empty((4, 5)), np.empty(6)
+    stack, planes, reach = search
     _measure_planes(tet, planes)
     for k in range(3):
         reach[k] = min(tet[0, k], tet[1, k], tet[2, k], tet[3, k])
@@ -183,5 +206,5 @@ def obstacle(original, order, boxes, tet, scratch, worst):
                 angle = _angle(tet, scratch[0, k])
                 if angle > steepest:
                     steepest, state = angle, 2
-                    worst[:] = scratch[0, k]
+                    copy_point(scratch[0, k], worst)
     return state

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from geometry import expansions as ex
+from geometry.borrowing import borrowing, owning
 from geometry.predicates import UNDERFLOW_GUARD, orient_sign
 from worker.kernels.bake_boxes import LEAF, STACK, boxes_meet
 
@@ -18,7 +19,7 @@ ORIENT2_ERROR = 3.330669073875472e-16  # (3 + 16 u) u, u = 2^-53: Shewchuk's bou
 BESIDE_ERROR = 1e-14  # of a plane's value at a point, over the product of absolute values in it: some 20 roundings of 2^-53
 
 
-@njit(cache=True)
+@owning
 def _orient2_sign(ax, ay, bx, by, px, py):
     """Exact sign of det[b - a, p - a]: 1 when p lies left of the line from a to b; all f8."""
     left, right = (bx - ax) * (py - ay), (by - ay) * (px - ax)
@@ -40,7 +41,7 @@ def _orient2_sign(ax, ay, bx, by, px, py):
     return ex.sign(total, ex.add(total, n, other, m))
 
 
-@njit(cache=True)
+@borrowing
 def _covering(a, b, c, x, y):
     """How often the triangle, seen along z, winds about (x, y): 1 counter-clockwise, -1 clockwise, 0 outside."""
     winding = 0
@@ -55,7 +56,7 @@ def _covering(a, b, c, x, y):
     return winding
 
 
-@njit(cache=True)
+@borrowing
 def _next_leaf(boxes, reach, stack, top):
     """(leaf, top): the next leaf whose box meets the box reach (6,) f8, of the `top` nodes on the stack; -1 when there is none."""
     leaves = boxes.shape[0] // 2
@@ -71,6 +72,30 @@ def _next_leaf(boxes, reach, stack, top):
     return -1, 0
 
 
+@borrowing
+def winding_number(positions, faces, order, boxes, point, stack, above):
+    """(winding number, on) of one point (3,) f8, as below. stack (STACK,) i8, above (6,) f8: scratch."""
+    x, y, z = point[0], point[1], point[2]
+    above[0], above[1], above[2], above[3], above[4], above[5] = x, y, z, x, y, np.inf
+    stack[0], top = 1, 1
+    winding, on = 0, False
+    while True:
+        leaf, top = _next_leaf(boxes, above, stack, top)
+        if leaf < 0:
+            return winding, on
+        for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
+            f = order[i]
+            a, b, c = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
+            covering = _covering(a, b, c, x, y)
+            if covering == 0:
+                continue
+            side = orient_sign(a, b, c, x, y, z, 1.0)
+            if side == 0:
+                on = True
+            elif side * covering < 0:
+                winding += covering
+
+
 @njit(cache=True)
 def winding_numbers(positions, faces, order, boxes, points):
     """(winding number (n,) i4, on (n,) bool) of points (n, 3) f8; on: exactly in a face that is not seen edge-on along z.
@@ -80,26 +105,9 @@ def winding_numbers(positions, faces, order, boxes, points):
     """
     winding = np.zeros(points.shape[0], np.int32)
     on = np.zeros(points.shape[0], np.bool_)
-    stack, above = np.empty(STACK, np.int64), np.full(6, np.inf)
+    stack, above = np.empty(STACK, np.int64), np.empty(6)
     for n in range(points.shape[0]):
-        x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        above[0], above[1], above[2], above[3], above[4] = x, y, z, x, y
-        stack[0], top = 1, 1
-        while True:
-            leaf, top = _next_leaf(boxes, above, stack, top)
-            if leaf < 0:
-                break
-            for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
-                f = order[i]
-                a, b, c = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
-                covering = _covering(a, b, c, x, y)
-                if covering == 0:
-                    continue
-                side = orient_sign(a, b, c, x, y, z, 1.0)
-                if side == 0:
-                    on[n] = True
-                elif side * covering < 0:
-                    winding[n] += covering
+        winding[n], on[n] = winding_number(positions, faces, order, boxes, points[n], stack, above)
     return winding, on
 
 
@@ -114,13 +122,13 @@ def plane_sides(positions, faces, face, points):
     return sides
 
 
-@njit(cache=True)
+@borrowing
 def _side(a, b, c, p):
     """Exact side of the plane through a, b, c on which p lies: 1 outside, 0 on, -1 inside."""
     return orient_sign(a, b, c, np.float64(p[0]), np.float64(p[1]), np.float64(p[2]), 1.0)
 
 
-@njit(cache=True)
+@borrowing
 def _through(p, q, a, b, c):
     """Whether the segment from p to q, whose ends are strictly on two sides of the triangle's plane, meets the triangle."""
     low, high = 0, 0
@@ -131,7 +139,7 @@ def _through(p, q, a, b, c):
     return low == 0 or high == 0
 
 
-@njit(cache=True)
+@borrowing
 def _crosses(p, q, a, b, c):
     """Whether the segment from p to q has its ends strictly on two sides of the triangle's plane and meets the triangle."""
     first = _side(a, b, c, p)
@@ -161,7 +169,7 @@ def crossings(positions, faces, order, boxes, starts, ends, pairs):
     return count
 
 
-@njit(cache=True)
+@borrowing
 def _box_beside_plane(box, a, b, c):
     """Whether a box (6,) f4 is certainly strictly on one side of the plane through a, b, c."""
     ax, ay, az = np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
@@ -174,7 +182,7 @@ def _box_beside_plane(box, a, b, c):
     return abs(nx * x + ny * y + nz * z) > abs(nx) * rx + abs(ny) * ry + abs(nz) * rz + margin
 
 
-@njit(cache=True)
+@borrowing
 def _boxes_apart(p, q, r, a, b, c):
     apart = False
     for k in range(3):
@@ -182,7 +190,7 @@ def _boxes_apart(p, q, r, a, b, c):
     return apart
 
 
-@njit(cache=True)
+@borrowing
 def _sides_apart(p, q, r, a, b, c, sp, sq, sr):
     """Whether no side of triangle p, q, r meets triangle a, b, c, for sure; sp, sq, sr: where its corners are of that plane."""
     if sp * sq <= 0 and (sp * sq == 0 or _through(p, q, a, b, c)):
@@ -192,7 +200,7 @@ def _sides_apart(p, q, r, a, b, c, sp, sq, sr):
     return not (sr * sp <= 0 and (sr * sp == 0 or _through(r, p, a, b, c)))
 
 
-@njit(cache=True)
+@borrowing
 def _apart(p, q, r, a, b, c):
     """Whether two triangles have certainly, exactly, no point in common: where two meet, a side of one meets the other."""
     if _boxes_apart(p, q, r, a, b, c):
