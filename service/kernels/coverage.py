@@ -16,6 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
+
 # one byte a pixel: what its pieces are like
 SUMMED = 1  # its sum has been written
 RIGHT, LEFT, DOWN, UP = 2, 4, 8, 16  # some piece runs that way
@@ -23,7 +25,7 @@ TOUCH = 32  # three bits: pieces' ends on the border, 0..7
 LISTED = 255  # the pixel is looked into
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def cut(segments, start, x0, y0, x1, y1, sums, state, pieces, places):
     """Cut segments (s, 4) f8, from number `start` on, at the sides of pixels into pieces, and add these up.
 
@@ -117,13 +119,13 @@ def cut(segments, start, x0, y0, x1, y1, sums, state, pieces, places):
     return n, segments.shape[0]
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _on_side(x, y, left, top):
     """1 on the pixel's border, else 0; without branches, which would be guessed wrongly."""
     return (x == left) | (x == left + 1.0) | (y == top) | (y == top + 1.0)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _most_pieces(xa, ya, xb, yb, x0, y0, x1, y1):
     """Upper bound of the number of pieces of a segment: the sides it crosses, and some."""
     across = min(max(xa, xb, np.float64(x0)), np.float64(x1)) - max(min(xa, xb, np.float64(x1)), np.float64(x0))
@@ -131,7 +133,7 @@ def _most_pieces(xa, ya, xb, yb, x0, y0, x1, y1):
     return 2.0 * np.ceil(max(down, 0.0)) + np.ceil(max(across, 0.0)) + 5.0
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def most_pieces(segments, x0, y0, x1, y1):
     """Upper bound of the number of pieces that `cut` makes; NaN where a coordinate is."""
     pieces, check = 0.0, 0.0
@@ -143,13 +145,13 @@ def most_pieces(segments, x0, y0, x1, y1):
     return pieces + check
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _simple(now):
     """Whether one chain at most crosses the pixel, without turning back."""
     return (now >> 5) <= 2 and ((now & (RIGHT | LEFT)) != RIGHT | LEFT or (now & (DOWN | UP)) != DOWN | UP)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def sweep(sums, state, state8, base, x0, y0, x1, y1, out, doubtful):
     """Sum along the rows into out (h, w) u1, from x0 on; returns (how many pixels are doubtful, end of the columns written).
 

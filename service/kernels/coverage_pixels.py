@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
 from service.kernels.coverage import LISTED
 
 EXACT_PIECES = 8
@@ -25,7 +26,7 @@ HEIGHT, LOW, HIGH, AT, RUN, SIGN, LOW_X, HIGH_X, OWN, EVENT, STEP, X, SIDE, WIND
 ROWS = 14
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _insert(scratch, n, y):
     """Put y into the sorted row HEIGHT of scratch unless it is there; returns how many there are now."""
     j = n
@@ -39,7 +40,7 @@ def _insert(scratch, n, y):
     return n + 1
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _heights(p, begin, end, top, scratch):
     """Heights of interest of pieces p[begin:end], sorted, each once, into row HEIGHT; returns how many."""
     scratch[HEIGHT, 0], scratch[HEIGHT, 1] = top, top + 1.0
@@ -62,7 +63,7 @@ def _heights(p, begin, end, top, scratch):
     return n
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _lines(p, begin, end, total, left, top, scratch):
     """Prepare pieces p[begin:end] for the others, relative to the pixel's corner; returns (events, winding number in that corner).
 
@@ -102,7 +103,7 @@ def _winding_left_of(x, i, n, scratch):
     return winding
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _width(count, events, y, corner, scratch):
     """Covered width on the line y of the pixel: where the winding number becomes positive and where it ceases to be.
 
@@ -155,7 +156,7 @@ def _against(i, n, y, x, scratch):
     return winding, least, meetings
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _beside(count, events, corner, scratch):
     """(meetings, least): twice how many pairs of pieces cross or run on top of each other, -1 when a piece is too flat to tell; and a
     lower bound of the winding number in the pixel.
@@ -184,7 +185,7 @@ def _beside(count, events, corner, scratch):
     return meetings, least
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _area_between(count, corner, scratch):
     """Covered area of a pixel whose pieces do not meet: the integral of the winding number over the pieces that bound it.
 
@@ -198,7 +199,7 @@ def _area_between(count, corner, scratch):
     return area
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def covered_area(p, begin, end, total, left, top, scratch):
     """Area of the pixel (left, top) in which the winding number is positive.
 
@@ -225,7 +226,7 @@ def covered_area(p, begin, end, total, left, top, scratch):
     return area
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def gather(pieces, places, state, doubtful, number, offsets, own):
     """Sort the pieces of doubtful pixels by pixel into own (n, 4) f8: pixel d has own[offsets[d]:offsets[d + 1]].
 

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
 from service.kernels.hull_visible import FACE_BITS
 
 LEAST_HALF_WIDTH = 1.0  # pixels; sqrt(1/2) would do, the rest is for rounding
@@ -19,13 +20,13 @@ NEAREST = (1 << 62) - (1 << 61) // 8  # word of a pixel on an edge: behind every
 DISTANCE_UNIT = float(1 << 30)  # steps of a squared half width
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _corner(faces, f, vertex):
     """Which corner of face f the vertex is."""
     return 0 if faces[f, 0] == vertex else (1 if faces[f, 1] == vertex else 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _along(points, a, b):
     """(first, last) parameter along a -> b of what the near plane leaves; first > last when that is nothing."""
     near_a, near_b = points[a, 2] + points[a, 3], points[b, 2] + points[b, 3]
@@ -36,13 +37,13 @@ def _along(points, a, b):
     return first, last
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _pixel(points, a, b, t):
     w = points[a, 3] + t * (points[b, 3] - points[a, 3])
     return (points[a, 0] + t * (points[b, 0] - points[a, 0])) / w, (points[a, 1] + t * (points[b, 1] - points[a, 1])) / w
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _cover(px, py, qx, qy, half, number, x0, y0, x1, y1, words):
     """Put an edge into the words of the pixels within half pixels of it, where it is the nearest."""
     dx, dy = qx - px, qy - py
@@ -75,7 +76,7 @@ def _cover(px, py, qx, qy, half, number, x0, y0, x1, y1, words):
                 words[row - y0, column - x0] = min(words[row - y0, column - x0], word)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _lay_out(px, py, qx, qy, half, ua, va, ub, vb, plane):
     """Planes of the place in the map: from one end to the other over a length that is half pixels longer at both."""
     dx, dy = qx - px, qy - py
@@ -116,7 +117,7 @@ def place_rim(points, faces, uv, edge_vertices, edge_faces, front, ends, places)
     return n
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def draw_rim(ends, places, half, faces, x0, y0, x1, y1, words, planes):
     """Draw the rim into words, as `hull_visible.draw_faces` left them, and its planes behind those of the `faces` faces.
 

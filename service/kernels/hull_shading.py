@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
 from service.kernels.compositing import BYTE, COLOR, SHIFT, ZERO, blended
 from service.kernels.hull_visible import FACE_MASK, SLACK
 
@@ -24,7 +25,7 @@ TO_UNIT = np.float32(2.0 / 255.0)
 B0, B1, B2 = np.uint32(0), np.uint32(8), np.uint32(16)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def place_row(words, planes, x0, y, u, v):
     """Texel coordinates u, v (n,) f4 of the pixels of a row whose centres are at x0 + 1/2 and so on, y."""
     start, n = 0, words.shape[0]
@@ -49,7 +50,7 @@ def place_row(words, planes, x0, y, u, v):
         start = end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _find(n, u, v, width, height, at):
     """Split texel coordinates into the number of the texel and, in their place, how far the pixel is from it."""
     far_u, far_v, stride = np.float32(width) - np.float32(1.001), np.float32(height) - np.float32(1.001), np.int32(width)
@@ -62,7 +63,7 @@ def _find(n, u, v, width, height, at):
         v[i] = y - np.float32(row)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _fetch(n, at, texels, stride, near):
     """near (4, n) u4: the texels about each pixel."""
     a, b, c, d = near[0], near[1], near[2], near[3]
@@ -74,7 +75,7 @@ def _fetch(n, at, texels, stride, near):
         d[i] = texels[k + stride + np.uint64(1)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _byte(word, shift):
     return np.float32(np.int32((word >> shift) & BYTE))
 
@@ -100,7 +101,7 @@ def _light(n, s, t, near, turn, light, ambient, lit):
         lit[i] = max(facing, np.float32(0.0)) * part + ambient
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _pick(n, lit, palette, colors):
     for i in range(n):
         colors[i] = palette[np.uint64(np.int32(lit[i] * TOP + HALF))]
@@ -122,7 +123,7 @@ def _tint(n, s, t, near, lit, linear, encoded, colors):
         colors[i] = word
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _show(n, s, t, near, turn, colors):
     """Normals (n,) u4 as colours."""
     xx, xy, xz, yx, yy, yz = turn[0, 0], turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 1], turn[1, 2]
@@ -141,7 +142,7 @@ def _show(n, s, t, near, turn, colors):
         colors[i] = word | (np.uint32(np.int32(z * half + MIDDLE + HALF)) << B2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _lay(n, colors, mask, out, opaque, linear):
     """Colours with the mask's alpha over what is in a row of the image."""
     if opaque:
@@ -153,7 +154,7 @@ def _lay(n, colors, mask, out, opaque, linear):
             out[i] = (colors[i] | (alpha << SHIFT)) if alpha != ZERO else ZERO
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _is_empty(mask, start):
     found = np.uint8(0)
     for k in range(np.uint64(LOOKED_AT)):
@@ -161,7 +162,7 @@ def _is_empty(mask, start):
     return found == 0
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _span(mask, x0, x1):
     """The columns of a row from the first that is not empty to behind the last."""
     while x0 + LOOKED_AT <= x1 and _is_empty(mask, x0):

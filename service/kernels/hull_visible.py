@@ -13,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
+
 FACE_BITS = 24
 FACE_MASK = (1 << FACE_BITS) - 1
 EMPTY = np.int64((1 << 62) | FACE_MASK)
@@ -35,7 +37,7 @@ def clip_points(matrix, positions, points):
             points[i, k] = matrix[k, 0] * x + matrix[k, 1] * y + matrix[k, 2] * z + matrix[k, 3]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _edge(points, j, k, sense, edges, i):
     """edges[i] = x, y and constant of the edge function of the side j -> k, positive inside a front face."""
     edges[i, 0] = sense * (points[k, 1] * points[j, 3] - points[j, 1] * points[k, 3])
@@ -43,14 +45,14 @@ def _edge(points, j, k, sense, edges, i):
     edges[i, 2] = sense * (points[k, 0] * points[j, 1] - points[j, 0] * points[k, 1])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _blend(edges, a, b, c, out, at):
     """out[at:at + 3]: the linear function that is a, b, c at the corners, divided by w and times the determinant."""
     for k in range(3):
         out[at + k] = edges[0, k] * a + edges[1, k] * b + edges[2, k] * c
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _sides(edges, count, sides):
     """Turn edge functions into bounds of a row: sides (8, 2), x >= k + m y for the first four, x <= k + m y for the others.
 
@@ -101,7 +103,7 @@ def place_faces(points, faces, sense, y0, y1, front, seen, rows):
     return n
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _fill(sides, depth, face, first, last, x0, y0, x1, words):
     """Draw one face; depth: x, y and constant of z / w. A row of words has SLACK more than it shows."""
     step = np.int64(min(max(depth[0] * DEPTH_UNIT, -STEEPEST), STEEPEST)) << FACE_BITS
