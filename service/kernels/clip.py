@@ -89,11 +89,14 @@ def count_crossings(m, positions, edges):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def project_in_front(m, positions, edges, width, height, out):
-    """The same as `project_edges` when nothing is behind the eye plane and nothing far from the image; otherwise returns -1."""
-    n = 0
+def project_in_front(m, positions, edges, first, last, width, height, out):
+    """The segments of edges first..last, written to out (n, 4) f8 from row `first` on; returns the row behind them.
+
+    For when nothing is behind the eye plane and nothing far from the image; otherwise returns -1, and `project_edges` must do it.
+    """
+    n = first
     end = np.empty((2, 2))
-    for e in range(edges.shape[0]):
+    for e in range(first, last):
         for k in range(2):
             u, v, w = homogeneous(m, positions[np.uint64(edges[e, k])])
             end[k, 0], end[k, 1] = u / w, v / w

@@ -10,13 +10,18 @@ This work is based on: Sander et al. 2000, Silhouette Clipping, section 6 (there
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from schemas.conventions import F4, F8, I4, Array
 from service.camera import View
 from service.kernels import clip as kernels
 from service.kernels import clip_layers
+from service.threads import cores, side_by_side
 
+EDGES_A_CORE = 4096
+"""Fewer are projected in less time than it takes to wake a thread."""
 RAYS = ((0.4637, 0.5319), (0.2713, 0.3491), (0.7129, 0.6373))
 """Where rays are shot to count layers, in parts of the image: away from its lines of symmetry."""
 
@@ -53,7 +58,7 @@ def following(offsets: I4) -> I4:
 def _segments(view: View, matrix: F8, positions: Array, edges: I4) -> F8:
     width, height = float(view.width), float(view.height)
     out = np.empty((2 * len(edges), 4))
-    n = kernels.project_in_front(matrix, positions, edges, width, height, out)
+    n = _project_in_front(matrix, positions, edges, (width, height), out)
     if n >= 0:
         return out[:n]
     crossing = 0 if view.orthographic else kernels.count_crossings(matrix, positions, edges)
@@ -63,6 +68,26 @@ def _segments(view: View, matrix: F8, positions: Array, edges: I4) -> F8:
     if crossing:
         n = kernels.close_cuts(cuts, width, height, out, n)
     return out[:n]
+
+
+def _project_in_front(matrix: F8, positions: Array, edges: I4, size: tuple[float, float], out: F8) -> int:
+    """`service.kernels.clip.project_in_front` of all edges, by all cores where they are many; returns how many rows, or -1."""
+    parts = min(cores(), max(1, len(edges) // EDGES_A_CORE))
+    starts = [len(edges) * part // parts for part in range(parts + 1)]
+    spans = iter(list(pairwise(starts)))
+
+    def project() -> tuple[int, int]:
+        first, last = next(spans)
+        return first, kernels.project_in_front(matrix, positions, edges, first, last, *size, out)
+
+    n = 0
+    for first, end in sorted(side_by_side(project, parts)):
+        if end < 0:
+            return -1
+        if n < first:
+            out[n : n + end - first] = out[first:end]
+        n += end - first
+    return n
 
 
 def surrounding_layers(view: View, positions: F4, faces: I4, segments: F8) -> int:

@@ -7,6 +7,7 @@ import trimesh
 from schemas.conventions import Frame
 from schemas.render import Camera, Orbit, OrbitCamera
 from service.camera import project, resolve_camera, to_pixels
+from service.silhouette import project as projection
 from service.silhouette.coverage import coverage_mask
 from service.silhouette.project import pixel_matrix, project_edges, surrounding_layers
 from tests import meshes
@@ -70,6 +71,19 @@ def test_silhouette_of_the_front_has_its_inside_on_the_right_of_falling_edges():
     segments = project_edges(view, positions, silhouette(positions, faces, view.eye))
     falling = segments[segments[:, 3] > segments[:, 1]]
     assert np.all(falling[:, [0, 2]] < 10.0)
+
+
+@pytest.mark.parametrize("eye", [(0.0, 0.3, 3.0), (0.6, 0.5, 1.2)], ids=["whole", "cropped"])
+def test_edges_shared_out_come_in_the_order_of_one_core(monkeypatch, eye):
+    positions, faces, _ = meshes.normalised(SHAPES["knot"])
+    view = looking(eye, (0.0, 0.0, 0.0) if eye[2] > 2.0 else (0.5, 0.0, 0.0), fov=60.0 if eye[2] > 2.0 else 30.0)
+    edges = silhouette(positions, faces, view.eye)
+    alone = project_edges(view, positions, edges)
+    monkeypatch.setattr(projection, "EDGES_A_CORE", 8)
+    for count in (2, 3, 5):
+        monkeypatch.setattr(projection, "cores", lambda count=count: count)
+        assert np.array_equal(project_edges(view, positions, edges), alone)
+    assert (len(alone) < len(edges)) == (eye[2] < 2.0)
 
 
 @pytest.mark.parametrize("name", ["torus", "knot", "bumpy", "cube"])
