@@ -40,12 +40,14 @@ from schemas.render import (
 )
 from schemas.scene import Parts, SceneObject, SceneRequest
 from service.assets import MeshAsset, load_asset
+from service.camera import resolve_camera
 from service.hulls import Side, hull_file
 from service.render.renderer import Renderer
 from service.scene.draw import drawing_of
 from service.scene.plan import plan_scene
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_json, silhouette_svg
+from service.silhouette.project import project_loops
 from service.waiting import Stopwatch
 
 log = logging.getLogger("silhouette.service")
@@ -59,6 +61,8 @@ HULL_SIZE = 1.1
 WHOLE = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
 BESIDE = Camera(eye=[0.75, 0.75, 0.1], target=[0.5, 0.5, 1.0], fov_y_deg=150.0)
 """Looks past the octahedron, part of which is behind the eye: its contour is cut at the eye plane and closed there."""
+BEHIND = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, -1.0]])
+"""A curve that leaves the image through the eye plane; those of the octahedron do not."""
 INSIDE = Camera(eye=[0.1, 0.2, 0.3])
 """Has layers all round it, which no contour knows of: they are counted on the faces."""
 
@@ -87,6 +91,7 @@ def warm(renderer: Renderer) -> None:
             for request in _requests():
                 renderer.submit(asset, request).result()
             _extract_together(asset)
+            project_loops(resolve_camera(BESIDE, asset.frame, SIDE_PX, SIDE_PX), BEHIND, np.array([0, len(BEHIND)], np.int32))
             for scene in _scenes():
                 renderer.submit_drawing(drawing_of(plan_scene(scene, [asset] * len(scene.objects)))).result()
             for camera in (WHOLE, BESIDE, INSIDE):
@@ -114,8 +119,7 @@ def _requests() -> Iterator[RenderRequest]:
     for source, antialias in WAYS:
         yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=source, antialias=antialias))
     yield RenderRequest(width=SIDE_PX, height=SIDE_PX, shading=Shading(mode=ShadingMode.MASK))
-    for camera in (WHOLE, BESIDE):
-        yield RenderRequest(camera=camera, width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(smooth=True))
+    yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(smooth=True))
     for antialias in (Antialias.COVERAGE, Antialias.LINE):
         yield RenderRequest(camera=BESIDE, width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=Source.CLIPPED, antialias=antialias))
 
