@@ -85,7 +85,7 @@ def boxes_meet(one, other):
     return not (apart or one[5] < other[2] or one[2] > other[5])
 
 
-@njit(cache=True)
+@borrowing
 def _box_distance2(box, x, y, z):
     dx = max(box[0] - x, 0.0, x - box[3])
     dy = max(box[1] - y, 0.0, y - box[4])
@@ -93,7 +93,7 @@ def _box_distance2(box, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(cache=True)
+@borrowing
 def _segment_parameter(px, py, pz, ux, uy, uz):
     """Parameter in [0, 1] of the point of the segment from 0 to u that is closest to p."""
     uu = ux * ux + uy * uy + uz * uz
@@ -102,7 +102,7 @@ def _segment_parameter(px, py, pz, ux, uy, uz):
     return min(1.0, max(0.0, (px * ux + py * uy + pz * uz) / uu))
 
 
-@njit(cache=True)
+@borrowing
 def closest_on_triangle(a, b, c, x, y, z):
     """(squared distance, s, t): the closest point of the triangle to (x, y, z) is a + s (b - a) + t (c - a)."""
     ax, ay, az = np.float64(a[0]), np.float64(a[1]), np.float64(a[2])

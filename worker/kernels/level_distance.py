@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
 from worker.kernels.bake_boxes import LEAF, STACK, _box_distance2, closest_on_triangle
 
 LOW, HIGH, CUTS_LEFT = 0, 1, 2
@@ -24,7 +25,7 @@ MOST_DEPTH = 60
 """Cuts from a face to a piece at most; 60 halve all three sides twenty times."""
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _nearest(positions, faces, order, boxes, x, y, z, known, stack, near):
     """(squared distance, face) of the triangle closest to (x, y, z); known: a face that may be close."""
     face = known
@@ -69,7 +70,7 @@ def nearest_faces(positions, faces, order, boxes, points, begin, end, closest, s
         state[LOW] = max(state[LOW], square)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _furthest_corner(positions, faces, face, piece, least):
     """Square of the distance of the furthest corner of a piece (9,) f8 from a face, or infinity when it is not below least."""
     a, b, c = positions[faces[face, 0]], positions[faces[face, 1]], positions[faces[face, 2]]
@@ -82,7 +83,7 @@ def _furthest_corner(positions, faces, face, piece, least):
     return furthest
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _longest_side(piece):
     """Corner k such that the side from k to k + 1 is the longest."""
     longest, best = 0, -1.0
