@@ -18,6 +18,8 @@ RUNGS = ((0.5, 1e-2), (0.1, 1e-3), (0.03, 1e-4))
 """(gap, floor): a bound may be above the distance by this part of it, or by so many normalised units where that is more. Roughly
 first, which is cheap, and stands where the next takes too long: on flat parts of an original, cut along all of their inner edges.
 The floor of the last is a fifth of a pixel in an image of 4000."""
+ROUGHLY = RUNGS[:2]
+"""For what is only told, and decides nothing."""
 CUTS, CUTS_A_FACE = 200_000, 4
 """Cuts, and more for each face of both meshes, after which a search gives up; scans need one or two a face."""
 ROUNDING = 1e-12
@@ -40,9 +42,10 @@ class DistanceTo:
         order, boxes = bake_boxes.build_boxes(positions, faces)
         self._mesh = (positions, faces, order, boxes)
 
-    def of(self, positions: F4, faces: I4, progress: Callable[[float], None]) -> Distance:
+    def of(self, positions: F4, faces: I4, progress: Callable[[float], None], rungs: tuple[tuple[float, float], ...] = RUNGS) -> Distance:
         """Of the points of another surface, positions (n, 3) f4 and faces (m, 3) i4; all vertices must be used.
 
+        rungs: as RUNGS, or the first of them.
         progress is called with a fraction 0 ... 1 several times a second; what it raises passes through.
         """
         state = np.zeros(3)
@@ -52,8 +55,8 @@ class DistanceTo:
             level_distance.nearest_faces(*self._mesh, positions, begin, end, closest, state)
             progress(0.2 * end / len(positions))
         bound = np.inf
-        for k, rung in enumerate(RUNGS):
-            start, share = 0.2 + 0.8 * k / len(RUNGS), 0.8 / len(RUNGS)
+        for k, rung in enumerate(rungs):
+            start, share = 0.2 + 0.8 * k / len(rungs), 0.8 / len(rungs)
             for done in self._search(rung, positions, faces, closest, state):
                 progress(start + share * done)
             bound = min(bound, float(np.sqrt(state[HIGH])))

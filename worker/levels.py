@@ -17,7 +17,7 @@ from geometry.hull_sequence import cut_hull
 from geometry.topology import build_edges, signed_volume
 from schemas.artifacts import MOST_LEVELS
 from schemas.conventions import F4, I4, Array
-from worker.distance import DistanceTo
+from worker.distance import RUNGS, DistanceTo
 from worker.kernels.cones import FARTHEST_ANCHOR
 from worker.tree import Tree, build_tree
 
@@ -69,11 +69,18 @@ def level_sizes(faces: int, hull_faces: int) -> list[int]:
     return [round(faces / span ** (k / count)) for k in range(1, count)] + [hull_faces]
 
 
-def hull_levels(positions: F4, faces: I4, steps: tuple[I4, F4], sizes: list[int], progress: Callable[[float], None]) -> list[HullLevel]:
+def hull_levels(
+    positions: F4,
+    faces: I4,
+    steps: tuple[I4, F4],
+    sizes: list[int],
+    progress: Callable[[float], None],
+    rungs: tuple[tuple[float, float], ...] = RUNGS,
+) -> list[HullLevel]:
     """Hulls of at most so many faces each, with their distances from the original.
 
     positions (v, 3) f4, faces (f, 3) i4: the original; steps: step_vertices and step_positions of one of its sequences. Hulls that
-    reach so far out that nothing can be proved of them are left out. progress as in `worker.distance`.
+    reach so far out that nothing can be proved of them are left out. progress and rungs as in `worker.distance`.
     """
     if not sizes:
         return []
@@ -83,7 +90,11 @@ def hull_levels(positions: F4, faces: I4, steps: tuple[I4, F4], sizes: list[int]
         hull_positions, hull_faces = cut_hull(positions, faces, *steps, size)
         if not np.all(np.abs(hull_positions) <= FARTHEST_ANCHOR):
             continue
-        distance = original.of(hull_positions, hull_faces, lambda part, k=k: progress((k + part) / len(sizes)))  # type: ignore[misc]
+
+        def report(part: float, k: int = k) -> None:
+            progress((k + part) / len(sizes))
+
+        distance = original.of(hull_positions, hull_faces, report, rungs)
         gained = signed_volume(hull_positions, hull_faces) - volume
         made.append(HullLevel(hull_positions, hull_faces, distance.bound, gained / volume if volume > 0.0 else 0.0))
     return made

@@ -35,6 +35,7 @@ from schemas.errors import CorruptArtifactError
 from schemas.manifest import Accepted
 from worker import downloads
 from worker.bake import Maps, bake_maps, hull_normals
+from worker.distance import ROUGHLY
 from worker.enclosure import Solid
 from worker.hull import Hull, build_hull
 from worker.levels import HullLevel, build_levels, hull_levels, level_sizes
@@ -223,7 +224,7 @@ def inner(inputs: Inputs) -> Result:
     made = build_hull(*surface, inputs.accepted.options.hull_faces, lambda part: inputs.progress(0.9 * part), side="inner")
     sizes = level_sizes(len(mesh["faces"]), len(made.faces)) or [len(made.faces)]
     steps = (made.step_vertices, made.step_positions)
-    measured = hull_levels(*surface, steps, sizes, lambda part: inputs.progress(0.9 + 0.1 * part))
+    measured = hull_levels(*surface, steps, sizes, lambda part: inputs.progress(0.9 + 0.1 * part), ROUGHLY)
     return Result(levels_report("inner", "inner", measured, inputs.frame), [(artifacts.INNER_SEQUENCE, sequence_of(made))])
 
 
