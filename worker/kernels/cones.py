@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
 from geometry.predicates import orient_sign
 from worker.kernels.gilbert import closest_to_origin
 
@@ -67,20 +68,18 @@ def face_constraints(positions, faces, normals, offsets, kinds):
             kinds[f] = UNRELIABLE
 
 
-@njit(cache=True)
-def lowest_point(normals, offsets, sign, index, count, axis, ball, basis, out):
+@borrowing
+def lowest_point(normals, offsets, sign, index, count, axis, ball, basis, out, scratch):
     """Point least along axis with normal . point >= sign * offset for all index[:count], into out (3,); dual simplex.
 
     axis (3,) unit, inside the cone of the normals. ball (4,): centre and radius of the cluster; the bounding planes meet
-    below it. basis (3,) i4 receives the faces whose planes meet in the point, -1 for a bounding plane. Ends early when a
-    pivot is singular.
+    below it. basis (3,) i4 receives the faces whose planes meet in the point, -1 for a bounding plane. scratch: (6, 4) f8. Ends early
+    when a pivot is singular.
     """
-    plane = np.empty((3, 4))
+    plane, minor = scratch[:3], scratch[3:]
     least = 0 if abs(axis[0]) < 0.57 else 1
-    t = np.zeros(3)
-    t[least] = 1.0
     d = axis[least]
-    tx, ty, tz = t[0] - d * axis[0], t[1] - d * axis[1], t[2] - d * axis[2]
+    tx, ty, tz = (least == 0) * 1.0 - d * axis[0], (least == 1) * 1.0 - d * axis[1], 0.0 - d * axis[2]
     r = 1.0 / math.sqrt(tx * tx + ty * ty + tz * tz)
     tx, ty, tz = tx * r, ty * r, tz * r
     bx, by, bz = axis[1] * tz - axis[2] * ty, axis[2] * tx - axis[0] * tz, axis[0] * ty - axis[1] * tx
@@ -90,14 +89,13 @@ def lowest_point(normals, offsets, sign, index, count, axis, ball, basis, out):
         along = plane[k, 0] * ball[0] + plane[k, 1] * ball[1] + plane[k, 2] * ball[2]
         plane[k, 3] = sign * along - _BOUND_DEPTH * ball[3]
         basis[k] = -1
-    minor = np.empty((3, 3))
     x, y, z = 0.0, 0.0, 0.0
     for _ in range(_PIVOTS):
         for k in range(3):
-            p, q = plane[(k + 1) % 3], plane[(k + 2) % 3]
-            minor[k, 0] = p[1] * q[2] - p[2] * q[1]
-            minor[k, 1] = p[2] * q[0] - p[0] * q[2]
-            minor[k, 2] = p[0] * q[1] - p[1] * q[0]
+            p, q = (k + 1) % 3, (k + 2) % 3
+            minor[k, 0] = plane[p, 1] * plane[q, 2] - plane[p, 2] * plane[q, 1]
+            minor[k, 1] = plane[p, 2] * plane[q, 0] - plane[p, 0] * plane[q, 2]
+            minor[k, 2] = plane[p, 0] * plane[q, 1] - plane[p, 1] * plane[q, 0]
         det = plane[0, 0] * minor[0, 0] + plane[0, 1] * minor[0, 1] + plane[0, 2] * minor[0, 2]
         if abs(det) < 1e-14:
             break
@@ -127,7 +125,7 @@ def lowest_point(normals, offsets, sign, index, count, axis, ball, basis, out):
     out[0], out[1], out[2] = x, y, z
 
 
-@njit(cache=True)
+@borrowing
 def _cone_volume(height, lateral, cosine, sine, radius):
     """Volume inside the sphere of the cone with its apex `height` along the axis; a lateral offset shortens its reach.
 
@@ -146,7 +144,7 @@ def _cone_volume(height, lateral, cosine, sine, radius):
     return math.pi / 3.0 * (r * r * slant * cosine + cap * cap * (2.0 * radius + z))
 
 
-@njit(cache=True)
+@borrowing
 def miss_probability(axis, spread_cosine, front, back, has_back, radius):
     """P(r): the part of the sphere U of this radius that is in neither cone; spread_cosine: least normal . axis."""
     if spread_cosine <= 0.0:
@@ -164,11 +162,12 @@ def miss_probability(axis, spread_cosine, front, back, has_back, radius):
     return max(0.0, 1.0 - covered / total)
 
 
-@njit(cache=True)
-def fit_cones(normals, offsets, index, count, ball, axis, front, back, support):
+@borrowing
+def fit_cones(normals, offsets, index, count, ball, axis, front, back, support, scratch):
     """Axis (3,) and anchors (3,) of the faces index[:count], in place, unverified; returns the spread's cosine (<= 0: none).
 
     support (9,) i4 receives the faces that determine them: three of the axis, three a anchor, -1 where fewer.
+    scratch: (6, 4) f8.
     """
     support[:] = -1
     if count == 0:
@@ -179,13 +178,13 @@ def fit_cones(normals, offsets, index, count, ball, axis, front, back, support):
     if norm < 1e-6 or least <= 0.0:
         return -1.0
     axis[0], axis[1], axis[2] = x / norm, y / norm, z / norm
-    lowest_point(normals, offsets, 1.0, index, count, axis, ball, support[3:6], front)
-    lowest_point(normals, offsets, -1.0, index, count, axis, ball, support[6:9], back)
+    lowest_point(normals, offsets, 1.0, index, count, axis, ball, support[3:6], front, scratch)
+    lowest_point(normals, offsets, -1.0, index, count, axis, ball, support[6:9], back, scratch)
     back[0], back[1], back[2] = -back[0], -back[1], -back[2]
     return min(1.0, least / norm)
 
 
-@njit(cache=True)
+@borrowing
 def _seat(normals, offsets, sign, index, count, axis, spread, anchor, out):
     """Round an anchor to f4 in out (3,) and raise it along sign * axis until it clears every plane; whether it does."""
     x, y, z = anchor[0], anchor[1], anchor[2]

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
 from geometry.union_find import find_root
 from worker.kernels.cones import ALWAYS_FRONT, EYE_RADIUS, UNRELIABLE, fit_cones, miss_probability
 
@@ -31,6 +32,7 @@ CONE_COST = 4.0 / 3.0  # k_a, of testing a node's cones
 EDGE_COST = 1.0  # k_e, of testing an edge; the paper measured k_a / k_e = 4/3
 SUMMARY = 16
 HIGHEST = 40  # levels of a tree
+WORK = 10  # rows of scratch
 
 NONE, PARENT, ADOPT_FIRST, ADOPT_SECOND, MERGE = range(5)
 
@@ -66,7 +68,7 @@ class Forest(NamedTuple):
     counters: np.ndarray  # (4,) i8
 
 
-@njit(cache=True)
+@borrowing
 def _sift_down(heap, key, size, i):
     item = heap[i]
     k = key[item]
@@ -83,7 +85,7 @@ def _sift_down(heap, key, size, i):
     heap[i] = item
 
 
-@njit(cache=True)
+@borrowing
 def _ball_of(box, a, b, ball):
     square = 0.0
     for k in range(3):
@@ -93,16 +95,16 @@ def _ball_of(box, a, b, ball):
     ball[3] = math.sqrt(square) + 1e-9
 
 
-@njit(cache=True)
+@borrowing
 def _fit(forest, index, count, flags, work, support):
-    """P of the faces index[:count]; work (5, 4) f8: axis, front, back, ball in rows 0 to 3."""
+    """P of the faces index[:count]; work (WORK, 4) f8: axis, front, back, ball in rows 0 to 3."""
     if flags & UNRELIABLE:
         return np.float32(1.0)
-    spread = fit_cones(forest.normals, forest.offsets, index, count, work[3], work[0, :3], work[1, :3], work[2, :3], support)
+    spread = fit_cones(forest.normals, forest.offsets, index, count, work[3], work[0, :3], work[1, :3], work[2, :3], support, work[4:])
     return np.float32(miss_probability(work[0], spread, work[1], work[2], flags & ALWAYS_FRONT == 0, EYE_RADIUS))
 
 
-@njit(cache=True)
+@borrowing
 def best_join(miss, weight_a, weight_b, miss_a, miss_b, height_a, height_b):
     """(change of cost, join) of the best join of roots a and b whose union has P = miss; heights bound the choice."""
     best, join = -CONE_COST + 2.0 * CONE_COST * miss, PARENT
@@ -120,7 +122,7 @@ def best_join(miss, weight_a, weight_b, miss_a, miss_b, height_a, height_b):
     return best, join
 
 
-@njit(cache=True)
+@borrowing
 def _unite(forest, a, b, index):
     """Distinct summary faces of both slots into index; returns their number."""
     count = forest.summary_size[a]
@@ -140,7 +142,7 @@ def _unite(forest, a, b, index):
     return count
 
 
-@njit(cache=True)
+@borrowing
 def _predict(forest, a, b, index, work, support):
     count = _unite(forest, a, b, index)
     _ball_of(forest.box, a, b, work[3])
@@ -153,7 +155,7 @@ def _predict(forest, a, b, index, work, support):
 @njit(cache=True)
 def start(forest, edge_faces, kinds, positions, faces):
     """Put every edge into its own root."""
-    work, support = np.zeros((5, 4)), np.empty(9, np.int32)
+    work, support = np.zeros((WORK, 4)), np.empty(9, np.int32)
     for e in range(edge_faces.shape[0]):
         forest.owner[e], forest.uid[e], forest.node[e], forest.height[e] = e, e, e, 1
         forest.first_edge[e], forest.last_edge[e], forest.next_edge[e] = e, e, -1
@@ -181,7 +183,7 @@ def start(forest, edge_faces, kinds, positions, faces):
 @njit(cache=True)
 def predict_links(forest, begin, end):
     """Predict links [begin, end) of the initial forest and append the useful ones to the (not yet ordered) heap."""
-    index, work, support = np.empty(2 * SUMMARY, np.int32), np.zeros((5, 4)), np.empty(9, np.int32)
+    index, work, support = np.empty(2 * SUMMARY, np.int32), np.zeros((WORK, 4)), np.empty(9, np.int32)
     size = forest.counters[HEAP_SIZE]
     for i in range(begin, end):
         a, b = forest.links[i, 0], forest.links[i, 1]
@@ -202,11 +204,12 @@ def order_heap(forest):
         _sift_down(forest.heap, forest.key, size, i)
 
 
-@njit(cache=True)
+@borrowing
 def _summarise(forest, slot, index, count, axis, support):
     """Keep the faces that carry the cones and the most tilted ones in eight directions."""
     if count <= SUMMARY:
-        forest.summary[slot, :count] = index[:count]
+        for i in range(count):
+            forest.summary[slot, i] = index[i]
         forest.summary_size[slot] = count
         return
     size = 0
@@ -237,7 +240,7 @@ def _summarise(forest, slot, index, count, axis, support):
     forest.summary_size[slot] = size
 
 
-@njit(cache=True)
+@borrowing
 def _among(list_, size, value):
     for i in range(size):  # noqa: SIM110 - no generators in kernels
         if list_[i] == value:
@@ -245,7 +248,7 @@ def _among(list_, size, value):
     return False
 
 
-@njit(cache=True)
+@borrowing
 def _append_child(forest, parent, child):
     if forest.first_child[parent] < 0:
         forest.first_child[parent] = child
@@ -255,7 +258,7 @@ def _append_child(forest, parent, child):
     forest.next_sibling[child] = -1
 
 
-@njit(cache=True)
+@borrowing
 def _concatenate(first, last, following, a, b):
     """Append list b to list a."""
     if first[b] < 0:
@@ -267,7 +270,7 @@ def _concatenate(first, last, following, a, b):
     last[a] = last[b]
 
 
-@njit(cache=True)
+@borrowing
 def _join_nodes(forest, a, b, join):
     """Apply the join to the tree; returns (node, weight, height) of the new root."""
     p, q = forest.node[a], forest.node[b]
@@ -288,7 +291,7 @@ def _join_nodes(forest, a, b, join):
     return p, forest.weight[a] + forest.weight[b], max(forest.height[a], forest.height[b])
 
 
-@njit(cache=True)
+@borrowing
 def _apply(forest, a, b, index, work, support):
     _, join, miss, count = _predict(forest, a, b, index, work, support)
     node, weight, height = _join_nodes(forest, a, b, join)
@@ -306,7 +309,7 @@ def _apply(forest, a, b, index, work, support):
     forest.counters[JOINS] += 1
 
 
-@njit(cache=True)
+@borrowing
 def _remember(seen, first, second):
     """Whether this pair was remembered already; remembers it."""
     low, high = min(first, second), max(first, second)
@@ -321,7 +324,7 @@ def _remember(seen, first, second):
 @njit(cache=True)
 def grow(forest, rounds):
     """Take up to `rounds` candidates from the heap; returns how many are left."""
-    index, work, support = np.empty(2 * SUMMARY, np.int32), np.zeros((5, 4)), np.empty(9, np.int32)
+    index, work, support = np.empty(2 * SUMMARY, np.int32), np.zeros((WORK, 4)), np.empty(9, np.int32)
     size = forest.counters[HEAP_SIZE]
     for _ in range(rounds):
         if size == 0:

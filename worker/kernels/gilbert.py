@@ -7,13 +7,13 @@ value is not positive, which is what the caller tests. No result depends on full
 
 from __future__ import annotations
 
-from numba import njit
+from geometry.borrowing import borrowing
 
 _ROUNDS = 48
 _RELATIVE = 1e-10
 
 
-@njit(cache=True, inline="always")
+@borrowing
 def _segment(ax, ay, az, bx, by, bz):
     """Parameter in [0, 1] of the point of segment ab closest to the origin."""
     dx, dy, dz = bx - ax, by - ay, bz - az
@@ -23,7 +23,7 @@ def _segment(ax, ay, az, bx, by, bz):
     return min(1.0, max(0.0, -(ax * dx + ay * dy + az * dz) / length))
 
 
-@njit(cache=True)
+@borrowing
 def _triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     """Barycentric weights (of a, b, c) of the point of the triangle closest to the origin."""
     abx, aby, abz = bx - ax, by - ay, bz - az
@@ -56,7 +56,7 @@ def _triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     return va / total, vb / total, vc / total
 
 
-@njit(cache=True)
+@borrowing
 def _closest_on(points, i, j, k):
     """(x, y, z, u, v, w): the point of triangle ijk closest to the origin and its weights."""
     ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
@@ -66,7 +66,7 @@ def _closest_on(points, i, j, k):
     return u * ax + v * bx + w * cx, u * ay + v * by + w * cy, u * az + v * bz + w * cz, u, v, w
 
 
-@njit(cache=True)
+@borrowing
 def _advance(points, simplex, size, s):
     """Closest point on the simplex grown by point s; rewrites simplex (3,) to the points that carry it."""
     if size == 1:
@@ -103,7 +103,7 @@ def _advance(points, simplex, size, s):
     return bx, by, bz, n
 
 
-@njit(cache=True)
+@borrowing
 def closest_to_origin(points, index, count, simplex):
     """Closest point to the origin on the hull of points[index[:count]]; points (f, 3) f8, index i4, count >= 1.
 

@@ -90,7 +90,7 @@ def cone_nodes(
     mark (f,) i4 starts at -1; index (f,) i4 is scratch. A node without cones gets zeros everywhere: it is never culled.
     """
     axis, high, low = np.empty(3), np.empty(3), np.empty(3)
-    ball, support = np.empty(4), np.empty(9, np.int32)
+    ball, support, scratch = np.empty(4), np.empty(9, np.int32), np.empty((6, 4))
     for node in range(begin, end):
         scaled[node, :], front[node, :], back[node, :], separation[node], miss[node] = 0.0, 0.0, 0.0, 0.0, 1.0
         own = edge_index[edge_start[node] : edge_start[skip[node]]]
@@ -98,7 +98,7 @@ def cone_nodes(
         if count == 0 or flags & UNRELIABLE:
             continue
         _bounding_ball(index, count, positions, faces, ball)
-        spread = fit_cones(normals, offsets, index, count, ball, axis, high, low, support)
+        spread = fit_cones(normals, offsets, index, count, ball, axis, high, low, support, scratch)
         if spread <= 0.0:
             continue
         always_front = flags & ALWAYS_FRONT != 0
