@@ -134,40 +134,43 @@ def closest_on_triangle(a, b, c, x, y, z):
     return best, best_s, best_t
 
 
+@borrowing
+def _closest(positions, faces, order, boxes, x, y, z, stack, near):
+    """(squared distance, face, s, t) of the triangle closest to (x, y, z), as `closest_on_triangle`; stack, near (STACK,): scratch."""
+    leaves = boxes.shape[0] // 2
+    best, face, best_s, best_t = np.inf, 0, 0.0, 0.0
+    stack[0], near[0], top = 1, 0.0, 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if near[top] >= best:
+            continue
+        if node >= leaves:
+            start = (node - leaves) * LEAF
+            for i in range(start, min(start + LEAF, faces.shape[0])):
+                f = order[i]
+                d, s, t = closest_on_triangle(positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]], x, y, z)
+                if d < best:
+                    best, face, best_s, best_t = d, f, s, t
+            continue
+        first, second = 2 * node, 2 * node + 1
+        d1, d2 = _box_distance2(boxes[first], x, y, z), _box_distance2(boxes[second], x, y, z)
+        if d1 < d2:
+            first, second, d1, d2 = second, first, d2, d1
+        stack[top], near[top] = first, d1
+        stack[top + 1], near[top + 1] = second, d2
+        top += 2
+    return best, face, best_s, best_t
+
+
 @njit(cache=True)
 def closest_points(positions, faces, order, boxes, points):
     """(face (n,) i4, weights (n, 3) f8, squared distance (n,) f8) of the triangle point closest to each of points (n, 3) f8."""
-    leaves = boxes.shape[0] // 2
     count = points.shape[0]
-    face = np.empty(count, np.int32)
-    weights = np.empty((count, 3))
-    found = np.empty(count)
-    stack = np.empty(STACK, np.int64)
-    near = np.empty(STACK)
+    face, weights, found = np.empty(count, np.int32), np.empty((count, 3)), np.empty(count)
+    stack, near = np.empty(STACK, np.int64), np.empty(STACK)
     for n in range(count):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        best = np.inf
-        stack[0], near[0], top = 1, 0.0, 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if near[top] >= best:
-                continue
-            if node >= leaves:
-                start = (node - leaves) * LEAF
-                for i in range(start, min(start + LEAF, faces.shape[0])):
-                    f = order[i]
-                    d, s, t = closest_on_triangle(positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]], x, y, z)
-                    if d < best:
-                        best, face[n] = d, f
-                        weights[n, 0], weights[n, 1], weights[n, 2] = 1.0 - s - t, s, t
-                continue
-            first, second = 2 * node, 2 * node + 1
-            d1, d2 = _box_distance2(boxes[first], x, y, z), _box_distance2(boxes[second], x, y, z)
-            if d1 < d2:
-                first, second, d1, d2 = second, first, d2, d1
-            stack[top], near[top] = first, d1
-            stack[top + 1], near[top + 1] = second, d2
-            top += 2
-        found[n] = best
+        found[n], face[n], s, t = _closest(positions, faces, order, boxes, x, y, z, stack, near)
+        weights[n, 0], weights[n, 1], weights[n, 2] = 1.0 - s - t, s, t
     return face, weights, found

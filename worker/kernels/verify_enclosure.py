@@ -146,26 +146,31 @@ def _crosses(p, q, a, b, c):
     return first != 0 and first * _side(a, b, c, q) < 0 and _through(p, q, a, b, c)
 
 
+@borrowing
+def _crossings_of(n, p, q, positions, faces, order, boxes, pairs, count, stack, about):
+    """count and the crossings of segment n, from p to q; stack (STACK,) i8, about (6,) f8: scratch."""
+    for k in range(3):
+        about[k], about[3 + k] = min(p[k], q[k]), max(p[k], q[k])
+    stack[0], top = 1, 1
+    while True:
+        leaf, top = _next_leaf(boxes, about, stack, top)
+        if leaf < 0:
+            return count
+        for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
+            f = order[i]
+            if _crosses(p, q, positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]):
+                if count < pairs.shape[0]:
+                    pairs[count, 0], pairs[count, 1] = n, f
+                count += 1
+
+
 @njit(cache=True)
 def crossings(positions, faces, order, boxes, starts, ends, pairs):
     """Number of crossings of segments from starts to ends (n, 3) f4 with the mesh; (segment, face) of the first into pairs (m, 2) i4."""
     count = 0
     stack, about = np.empty(STACK, np.int64), np.empty(6)
     for n in range(starts.shape[0]):
-        p, q = starts[n], ends[n]
-        for k in range(3):
-            about[k], about[3 + k] = min(p[k], q[k]), max(p[k], q[k])
-        stack[0], top = 1, 1
-        while True:
-            leaf, top = _next_leaf(boxes, about, stack, top)
-            if leaf < 0:
-                break
-            for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
-                f = order[i]
-                if _crosses(p, q, positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]):
-                    if count < pairs.shape[0]:
-                        pairs[count, 0], pairs[count, 1] = n, f
-                    count += 1
+        count = _crossings_of(n, starts[n], ends[n], positions, faces, order, boxes, pairs, count, stack, about)
     return count
 
 
@@ -214,6 +219,30 @@ def _apart(p, q, r, a, b, c):
     return _sides_apart(p, q, r, a, b, c, sp, sq, sr) and _sides_apart(a, b, c, p, q, r, sa, sb, sc)
 
 
+@borrowing
+def _contacts_of(
+    start, box, positions, faces, order, other_positions, other_faces, other_order, other_boxes, touched, other_touched, stack
+):
+    """What `contacts` marks for the faces of one leaf, from `start` on, with this box (6,) f4; stack (STACK,) i8: scratch."""
+    stack[0], top = 1, 1
+    while True:
+        leaf, top = _next_leaf(other_boxes, box, stack, top)
+        if leaf < 0:
+            return
+        for j in range(leaf * LEAF, min(leaf * LEAF + LEAF, other_faces.shape[0])):
+            g = other_order[j]
+            a, b, c = other_positions[other_faces[g, 0]], other_positions[other_faces[g, 1]], other_positions[other_faces[g, 2]]
+            if _box_beside_plane(box, a, b, c):
+                continue
+            for i in range(start, min(start + LEAF, faces.shape[0])):
+                f = order[i]
+                if touched[f] and other_touched[g]:
+                    continue
+                p, q, r = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
+                if not _apart(p, q, r, a, b, c):
+                    touched[f], other_touched[g] = True, True
+
+
 @njit(cache=True)
 def contacts(positions, faces, order, boxes, other_positions, other_faces, other_order, other_boxes, touched, other_touched):
     """Mark every face of either of two meshes that may meet the other: touched (f,) bool, other_touched (g,) bool.
@@ -221,29 +250,11 @@ def contacts(positions, faces, order, boxes, other_positions, other_faces, other
     A face that is not marked has no point in common with the other mesh, exactly. One that is marked may have none either, when
     a corner or a side of the one lies in the plane of the other.
     """
-    stack, reach = np.empty(STACK, np.int64), np.empty(6)
+    stack = np.empty(STACK, np.int64)
     first = boxes.shape[0] // 2
+    other = (other_positions, other_faces, other_order, other_boxes)
     for start in range(0, faces.shape[0], LEAF):
-        box = boxes[first + start // LEAF]
-        for k in range(6):
-            reach[k] = box[k]
-        stack[0], top = 1, 1
-        while True:
-            leaf, top = _next_leaf(other_boxes, reach, stack, top)
-            if leaf < 0:
-                break
-            for j in range(leaf * LEAF, min(leaf * LEAF + LEAF, other_faces.shape[0])):
-                g = other_order[j]
-                a, b, c = other_positions[other_faces[g, 0]], other_positions[other_faces[g, 1]], other_positions[other_faces[g, 2]]
-                if _box_beside_plane(box, a, b, c):
-                    continue
-                for i in range(start, min(start + LEAF, faces.shape[0])):
-                    f = order[i]
-                    if touched[f] and other_touched[g]:
-                        continue
-                    p, q, r = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
-                    if not _apart(p, q, r, a, b, c):
-                        touched[f], other_touched[g] = True, True
+        _contacts_of(start, boxes[first + start // LEAF], positions, faces, order, *other, touched, other_touched, stack)
 
 
 @njit(cache=True)
