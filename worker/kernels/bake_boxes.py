@@ -135,10 +135,16 @@ def closest_on_triangle(a, b, c, x, y, z):
 
 
 @borrowing
-def _closest(positions, faces, order, boxes, x, y, z, stack, near):
-    """(squared distance, face, s, t) of the triangle closest to (x, y, z), as `closest_on_triangle`; stack, near (STACK,): scratch."""
+def closest_face(positions, faces, order, boxes, x, y, z, known, stack, near):
+    """(squared distance, face, s, t) of the triangle closest to (x, y, z), as `closest_on_triangle`.
+
+    known: a face that may be close, -1 for none. stack i8, near f8 (STACK,): scratch.
+    """
     leaves = boxes.shape[0] // 2
-    best, face, best_s, best_t = np.inf, 0, 0.0, 0.0
+    best, face, best_s, best_t = np.inf, np.int64(known), 0.0, 0.0
+    if known >= 0:
+        a, b, c = positions[faces[known, 0]], positions[faces[known, 1]], positions[faces[known, 2]]
+        best, best_s, best_t = closest_on_triangle(a, b, c, x, y, z)
     stack[0], near[0], top = 1, 0.0, 1
     while top > 0:
         top -= 1
@@ -157,9 +163,12 @@ def _closest(positions, faces, order, boxes, x, y, z, stack, near):
         d1, d2 = _box_distance2(boxes[first], x, y, z), _box_distance2(boxes[second], x, y, z)
         if d1 < d2:
             first, second, d1, d2 = second, first, d2, d1
-        stack[top], near[top] = first, d1
-        stack[top + 1], near[top + 1] = second, d2
-        top += 2
+        if d1 < best:
+            stack[top], near[top] = first, d1
+            top += 1
+        if d2 < best:
+            stack[top], near[top] = second, d2
+            top += 1
     return best, face, best_s, best_t
 
 
@@ -171,6 +180,6 @@ def closest_points(positions, faces, order, boxes, points):
     stack, near = np.empty(STACK, np.int64), np.empty(STACK)
     for n in range(count):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        found[n], face[n], s, t = _closest(positions, faces, order, boxes, x, y, z, stack, near)
+        found[n], face[n], s, t = closest_face(positions, faces, order, boxes, x, y, z, -1, stack, near)
         weights[n, 0], weights[n, 1], weights[n, 2] = 1.0 - s - t, s, t
     return face, weights, found

@@ -17,45 +17,12 @@ import numpy as np
 from numba import njit
 
 from geometry.borrowing import borrowing
-from worker.kernels.bake_boxes import LEAF, STACK, _box_distance2, closest_on_triangle
+from worker.kernels.bake_boxes import STACK, closest_face, closest_on_triangle
 
 LOW, HIGH, CUTS_LEFT = 0, 1, 2
 """Entries of a state (3,) f8: largest squared distance of a point seen, largest squared bound of a piece done, cuts left."""
 MOST_DEPTH = 60
 """Cuts from a face to a piece at most; 60 halve all three sides twenty times."""
-
-
-@borrowing
-def _nearest(positions, faces, order, boxes, x, y, z, known, stack, near):
-    """(squared distance, face) of the triangle closest to (x, y, z); known: a face that may be close."""
-    face = known
-    best, _, _ = closest_on_triangle(positions[faces[face, 0]], positions[faces[face, 1]], positions[faces[face, 2]], x, y, z)
-    leaves = boxes.shape[0] // 2
-    stack[0], near[0], top = 1, 0.0, 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if near[top] >= best:
-            continue
-        if node >= leaves:
-            start = (node - leaves) * LEAF
-            for i in range(start, min(start + LEAF, faces.shape[0])):
-                f = order[i]
-                d, _, _ = closest_on_triangle(positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]], x, y, z)
-                if d < best:
-                    best, face = d, f
-            continue
-        first, second = 2 * node, 2 * node + 1
-        d1, d2 = _box_distance2(boxes[first], x, y, z), _box_distance2(boxes[second], x, y, z)
-        if d1 < d2:
-            first, second, d1, d2 = second, first, d2, d1
-        if d1 < best:
-            stack[top], near[top] = first, d1
-            top += 1
-        if d2 < best:
-            stack[top], near[top] = second, d2
-            top += 1
-    return best, face
 
 
 @njit(cache=True, nogil=True)
@@ -65,7 +32,7 @@ def nearest_faces(positions, faces, order, boxes, points, begin, end, closest, s
     known = np.int64(0) if begin == 0 else np.int64(closest[begin - 1])
     for n in range(begin, end):
         x, y, z = np.float64(points[n, 0]), np.float64(points[n, 1]), np.float64(points[n, 2])
-        square, known = _nearest(positions, faces, order, boxes, x, y, z, known, stack, near)
+        square, known, _, _ = closest_face(positions, faces, order, boxes, x, y, z, known, stack, near)
         closest[n] = known
         state[LOW] = max(state[LOW], square)
 
@@ -127,7 +94,7 @@ def bound_faces(positions, faces, order, boxes, points, triangles, closest, begi
                 k = _longest_side(piece)
                 i, j = 3 * k, 3 * ((k + 1) % 3)
                 x, y, z = 0.5 * (piece[i] + piece[j]), 0.5 * (piece[i + 1] + piece[j + 1]), 0.5 * (piece[i + 2] + piece[j + 2])
-                square, face = _nearest(positions, faces, order, boxes, x, y, z, owner[k], stack, near)
+                square, face, _, _ = closest_face(positions, faces, order, boxes, x, y, z, owner[k], stack, near)
                 state[LOW] = max(state[LOW], square)
                 bound = min(bound, _furthest_corner(positions, faces, face, piece, bound))
                 enough = max(factor * state[LOW], floor * floor)
