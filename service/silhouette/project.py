@@ -73,8 +73,7 @@ def _segments(view: View, matrix: F8, positions: Array, edges: I4) -> F8:
 def _project_in_front(matrix: F8, positions: Array, edges: I4, size: tuple[float, float], out: F8) -> int:
     """`service.kernels.clip.project_in_front` of all edges, by all cores where they are many; returns how many rows, or -1."""
     parts = min(cores(), max(1, len(edges) // EDGES_A_CORE))
-    starts = [len(edges) * part // parts for part in range(parts + 1)]
-    spans = iter(list(pairwise(starts)))
+    spans = pairwise([len(edges) * part // parts for part in range(parts + 1)])
 
     def project() -> tuple[int, int]:
         first, last = next(spans)

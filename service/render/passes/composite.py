@@ -15,14 +15,12 @@ from service.render.state import LINEAR_TABLE, FrameState, as_words, parse_color
 
 def compose(frame: FrameState) -> None:
     """Lay what was drawn over the background in `frame.image`, with the mask's alpha where there is a mask."""
+    if frame.drawn is None:
+        return
     t = frame.tile
     area = np.s_[t.y : t.y + t.height, t.x : t.x + t.width]
     out = as_words(frame.image)[area]
     opaque = frame.background is not None
-    if frame.drawn is None:
-        if frame.mask is not None:
-            put_flat(_flat(frame), frame.mask[area], out, opaque, LINEAR_TABLE)
-        return
     drawn = as_words(frame.drawn)
     if frame.mask is not None:
         put_masked(drawn, frame.mask[area], out, opaque, LINEAR_TABLE)
