@@ -53,10 +53,11 @@ def run_stage(mesh_id: str, stage: str) -> None:
     A fault of the mesh ends the mesh; any other exception goes to the queue, which tries again.
     """
     jobs = JobQueue.open(WorkerSettings())
-    jobs.progress.report(mesh_id, stage, 0.0)
     try:
+        report(jobs, mesh_id, stage, 0.0)
         if records.read_stage(jobs.store, mesh_id, stage) is None:
             run_and_record(jobs, mesh_id, stage)
+        report(jobs, mesh_id, stage, 1.0)
     except CancelledError:
         log.info("stopped: the mesh is gone", extra={"mesh": mesh_id, "stage": stage})
         jobs.progress.clear(mesh_id)
@@ -64,7 +65,6 @@ def run_stage(mesh_id: str, stage: str) -> None:
     except StorageFullError:  # the reconciler starts the stage again, until there is room
         log.exception("no room", extra={"mesh": mesh_id, "stage": stage})
         return
-    jobs.progress.report(mesh_id, stage, 1.0)
     jobs.advance(mesh_id)
 
 
@@ -108,10 +108,13 @@ def publish(store: Store, mesh_id: str, stage: str, result: Result) -> dict[str,
 
 
 def report(jobs: JobQueue, mesh_id: str, stage: str, fraction: float) -> None:
-    """Pass progress on. Raises CancelledError when the mesh is deleted, or has failed in another stage."""
-    if not records.is_accepted(jobs.store, mesh_id) or jobs.store.exists(keys.manifest(mesh_id)):
-        raise CancelledError("the mesh has been deleted or has failed", mesh=mesh_id)
+    """Pass progress on. Raises CancelledError when the mesh is deleted or has ended: what was passed on is then to be cleared.
+
+    It is passed on first: a mesh that is deleted after the look is cleared by whoever deletes it, one before by the caller.
+    """
     jobs.progress.report(mesh_id, stage, fraction)
+    if not records.is_accepted(jobs.store, mesh_id) or jobs.store.exists(keys.manifest(mesh_id)):
+        raise CancelledError("the mesh has been deleted or has ended", mesh=mesh_id)
 
 
 def fault_of(error: Exception) -> SilhouetteError:

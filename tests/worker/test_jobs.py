@@ -208,6 +208,21 @@ def test_a_mesh_deleted_before_its_stage_publishes_leaves_nothing(queue, monkeyp
     assert list(queue.store.list()) == []
 
 
+def test_a_mesh_deleted_just_after_its_stage_published_leaves_no_progress(queue, running, tmp_path, monkeypatch):
+    mesh_id = accept(queue.store, ply(sphere(1)), name="a.ply", **SMALL)
+
+    def then_deleted(jobs, mesh_id, stage):
+        run_and_record(jobs, mesh_id, stage)
+        queue.cancel(mesh_id)
+
+    monkeypatch.setenv("SILHOUETTE_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("SILHOUETTE_REDIS_URL", running[0].redis_url)
+    monkeypatch.setattr(stage_jobs, "run_and_record", then_deleted)
+    stage_jobs.run_stage(mesh_id, "load")
+    assert list(queue.store.list()) == []
+    assert queue.progress.read(mesh_id) == {}
+
+
 def test_a_running_stage_hears_of_the_deletion_at_its_next_progress(queue, monkeypatch):
     mesh_id = accept(queue.store, ply(sphere(1)), name="a.ply", **SMALL)
 
