@@ -61,7 +61,7 @@ def coverage_mask(
 
     segments: (s, 4) f8 pixels (xa, ya, xb, yb), y down, that form closed polygons, in any order; covered is where their winding
     number is positive, an edge that runs down the image counting +1 for what is right of it. The area is exact before it is
-    rounded to 1/255, but in pixels with more than 8 pieces of edges (sampled at 20 heights) and, where more than
+    rounded to 1/255, but in pixels with more than 8 pieces of edges (sampled at 24 heights) and, where more than
     MOST_PIECES pixels and edges meet, in pixels that go from no layer to several (they may come out too full).
     out: (h, w) u1 C-contiguous, overwritten. base: added to the winding number everywhere (`surrounding_layers`).
     rows: (first, end), half-open: only these are written. The kernels release the interpreter lock. Raises ValueError for segments
