@@ -11,7 +11,9 @@ of size 1 at the origin. Three places would lose digits for a distant or far-off
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,13 +62,16 @@ class View:
         return bool(self.eye[3] == 0.0)
 
 
-@dataclass(frozen=True)
-class _Pose:
-    """Rotation (3, 3) with rows right, up, backward; origin: the frame's origin seen from the camera, (3,)."""
+Vector = tuple[float, float, float]
+"""Of numbers alone: for three of them numpy takes longer to be called than to count."""
 
-    rotation: F8
-    origin: F8
-    eye: F8
+
+class _Pose(NamedTuple):
+    """Rotation with rows right, up, backward; origin: the frame's origin seen from the camera; eye: homogeneous."""
+
+    rotation: tuple[Vector, Vector, Vector]
+    origin: Vector
+    eye: tuple[float, float, float, float]
 
 
 def resolve_camera(camera: AnyCamera, frame: Frame, width: int, height: int, radius: float = 1.0, around: Frame | None = None) -> View:
@@ -105,43 +110,42 @@ def to_pixels(view: View, clip: F8) -> F8:
 
 
 def _eye_target_pose(camera: Camera, frame: Frame) -> _Pose:
-    eye, target, up = (np.asarray(v, np.float64) for v in (camera.eye, camera.target, camera.up))
-    backward = _unit(eye - target)
-    right = _unit(np.cross(_unit(up), backward))
-    rotation = np.stack([right, np.cross(backward, right), backward])
-    with np.errstate(over="ignore"):
-        eye, target = frame.to_normalised(eye), frame.to_normalised(target)
+    backward = _unit(_minus(camera.eye, camera.target))
+    right = _unit(_cross(_unit(camera.up), backward))
+    rotation = (right, _cross(backward, right), backward)
+    eye, target = _normalised(camera.eye, frame), _normalised(camera.target, frame)
     if camera.projection == "orthographic":
-        nearer = _nearer(eye, target, "camera.eye")
-        return _Pose(rotation, -rotation @ nearer, np.append(backward, 0.0))
+        return _Pose(rotation, _seen(rotation, _nearer(eye, target, "camera.eye")), (*backward, 0.0))
     _near_enough(eye, "camera.eye")
-    lateral = _nearer(eye, target, "camera.eye")
-    origin = np.append(-rotation[:2] @ lateral, -rotation[2] @ eye)
-    return _Pose(rotation, origin, np.append(eye, 1.0))
+    across = _seen(rotation, _nearer(eye, target, "camera.eye"))
+    return _Pose(rotation, (across[0], across[1], _seen(rotation, eye)[2]), (*eye, 1.0))
 
 
 def _orbit_pose(orbit: Orbit, frame: Frame, focal: float, aspect: float) -> _Pose:
     """The exact basis of the sphere's coordinates; unlike one made from "up", it has no pole."""
     sin_a, cos_a = _sin_cos(orbit.azimuth_deg)
     sin_e, cos_e = _sin_cos(orbit.elevation_deg)
-    backward = np.array([cos_e * sin_a, sin_e, cos_e * cos_a])
-    up = np.array([-sin_e * sin_a, cos_e, -sin_e * cos_a])
-    right = np.array([cos_a, 0.0, -sin_a])
+    backward = (cos_e * sin_a, sin_e, cos_e * cos_a)
+    up = (-sin_e * sin_a, cos_e, -sin_e * cos_a)
+    right = (cos_a, 0.0, -sin_a)
     if orbit.distance == "fit":
         distance = _positive(_fit_distance(focal, aspect), "camera.orbit.fov_y_deg")
     else:
         distance = _positive(orbit.distance / frame.scale, "camera.orbit.distance")
-    return _Pose(np.stack([right, up, backward]), np.array([0.0, 0.0, -distance]), np.append(backward * distance, 1.0))
+    eye = (backward[0] * distance, backward[1] * distance, backward[2] * distance, 1.0)
+    return _Pose((right, up, backward), (0.0, 0.0, -distance), eye)
 
 
 def _seen_from(pose: _Pose, around: Frame, frame: Frame) -> _Pose:
     """A pose about one frame as a pose in another."""
     if around == frame:
         return pose
-    shift = (np.asarray(around.centre) - np.asarray(frame.centre)) / frame.scale
+    shift = _normalised(around.centre, frame)
     ratio = around.scale / frame.scale
-    origin = pose.origin * ratio - pose.rotation @ shift
-    return _Pose(pose.rotation, _near_enough(origin, "camera"), np.append(pose.eye[:3] * ratio + shift, 1.0))
+    moved = _seen(pose.rotation, shift)
+    origin = (pose.origin[0] * ratio + moved[0], pose.origin[1] * ratio + moved[1], pose.origin[2] * ratio + moved[2])
+    eye = (pose.eye[0] * ratio + shift[0], pose.eye[1] * ratio + shift[1], pose.eye[2] * ratio + shift[2], 1.0)
+    return _Pose(pose.rotation, _near_enough(origin, "camera"), eye)
 
 
 def _fit_distance(focal: float, aspect: float) -> float:
@@ -152,47 +156,52 @@ def _fit_distance(focal: float, aspect: float) -> float:
 
 def _perspective(pose: _Pose, focal: float, size: tuple[int, int], radius: float) -> View:
     width, height = size
-    depth = -float(pose.origin[2])
+    depth = -pose.origin[2]
     reach = radius * DEPTH_MARGIN
     # all of the sphere behind the eye: any range will do, nothing is visible
     far, beyond = (depth + reach, reach) if depth + reach > 0.0 else (reach, reach - depth)
     near, before = depth - reach, reach
     if near < far * NEAREST_PART:
         near, before = far * NEAREST_PART, depth - far * NEAREST_PART
-    matrix = np.zeros((4, 4))
-    matrix[0] = _row(pose, 0) * (focal * height / width)
-    matrix[1] = _row(pose, 1) * focal
     # -(f + n) / (f - n) z - 2 f n / (f - n) with z = r.p - depth, n = depth - before, f = depth + beyond, cancelled by hand
-    matrix[2, :3] = -pose.rotation[2] * ((far + near) / (before + beyond))
-    matrix[2, 3] = (2.0 * before * beyond - depth * (beyond - before)) / (before + beyond)
-    matrix[3] = -_row(pose, 2)
-    return _checked(pose, matrix, size, (near, far), focal * height / 2.0)
+    forwards = -(far + near) / (before + beyond)
+    shift = (2.0 * before * beyond - depth * (beyond - before)) / (before + beyond)
+    rows = (
+        _row(pose, 0, focal * height / width),
+        _row(pose, 1, focal),
+        (*_scaled(pose.rotation[2], forwards), shift),
+        _row(pose, 2, -1.0),
+    )
+    return _checked(pose, rows, size, (near, far), focal * height / 2.0)
 
 
 def _orthographic(pose: _Pose, image_height: float, size: tuple[int, int], radius: float) -> View:
     width, height = size
     reach = radius * DEPTH_MARGIN
-    placed = _Pose(pose.rotation, np.append(pose.origin[:2], -2.0 * reach), pose.eye)
-    matrix = np.zeros((4, 4))
-    matrix[0] = _row(placed, 0) * (2.0 / image_height * height / width)
-    matrix[1] = _row(placed, 1) * (2.0 / image_height)
-    matrix[2, :3] = -pose.rotation[2] / reach
-    matrix[3, 3] = 1.0
-    return _checked(placed, matrix, size, (reach, 3.0 * reach), height / image_height)
+    placed = _Pose(pose.rotation, (pose.origin[0], pose.origin[1], -2.0 * reach), pose.eye)
+    rows = (
+        _row(placed, 0, 2.0 / image_height * height / width),
+        _row(placed, 1, 2.0 / image_height),
+        (*_scaled(pose.rotation[2], -1.0 / reach), 0.0),
+        (0.0, 0.0, 0.0, 1.0),
+    )
+    return _checked(placed, rows, size, (reach, 3.0 * reach), height / image_height)
 
 
-def _checked(pose: _Pose, matrix: F8, size: tuple[int, int], depths: tuple[float, float], pixel_scale: float) -> View:
-    if not np.abs(matrix).max() <= FARTHEST:
+def _checked(
+    pose: _Pose, rows: tuple[tuple[float, ...], ...], size: tuple[int, int], depths: tuple[float, float], pixel_scale: float
+) -> View:
+    if not all(-FARTHEST <= number <= FARTHEST for row in rows for number in row):
         raise InvalidRequestError("the camera's eye, target and field of view are too extreme together", field="camera")
-    view = np.eye(4)
-    view[:3, :3], view[:3, 3] = pose.rotation, pose.origin
-    for array in (pose.eye, matrix, view):
+    turned = [(*axis, shift) for axis, shift in zip(pose.rotation, pose.origin, strict=True)]
+    eye, matrix, view = np.array(pose.eye), np.array(rows), np.array([*turned, (0.0, 0.0, 0.0, 1.0)])
+    for array in (eye, matrix, view):
         array.setflags(write=False)
-    return View(pose.eye, matrix, view, size[0], size[1], depths[0], depths[1], pixel_scale)
+    return View(eye, matrix, view, size[0], size[1], depths[0], depths[1], pixel_scale)
 
 
-def _row(pose: _Pose, axis: int) -> F8:
-    return np.append(pose.rotation[axis], pose.origin[axis])
+def _row(pose: _Pose, axis: int, scale: float) -> tuple[float, ...]:
+    return (*_scaled(pose.rotation[axis], scale), pose.origin[axis] * scale)
 
 
 def _focal(fov_y_deg: float, field: str) -> float:
@@ -208,21 +217,57 @@ def _positive(value: float, field: str) -> float:
     return value
 
 
-def _near_enough(vector: F8, field: str) -> F8:
-    if not np.abs(vector).max() <= FARTHEST:
+def _near_enough(vector: Vector, field: str) -> Vector:
+    if not all(-FARTHEST <= number <= FARTHEST for number in vector):
         raise InvalidRequestError(f"{field} is too far away for this mesh", field=field)
     return vector
 
 
-def _nearer(a: F8, b: F8, field: str) -> F8:
+def _nearer(a: Vector, b: Vector, field: str) -> Vector:
     """The one of two points that is nearer to the origin, by its largest coordinate."""
-    return _near_enough(a if np.abs(a).max() <= np.abs(b).max() else b, field)
+    return _near_enough(a if _largest(a) <= _largest(b) else b, field)
 
 
-def _unit(vector: F8) -> F8:
-    """A unit vector, for vectors of any length that is not zero."""
-    scaled = vector / np.abs(vector).max()
-    return np.asarray(scaled / np.linalg.norm(scaled))
+def _normalised(point: Sequence[float], frame: Frame) -> Vector:
+    x, y, z = _minus(point, frame.centre)
+    return x / frame.scale, y / frame.scale, z / frame.scale
+
+
+def _seen(rotation: tuple[Vector, Vector, Vector], point: Vector) -> Vector:
+    """The frame's origin along the camera's axes, from a camera at this point."""
+    x, y, z = point
+    right, up, backward = rotation
+    return (
+        -(right[0] * x + right[1] * y + right[2] * z),
+        -(up[0] * x + up[1] * y + up[2] * z),
+        -(backward[0] * x + backward[1] * y + backward[2] * z),
+    )
+
+
+def _minus(a: Sequence[float], b: Sequence[float]) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _scaled(vector: Vector, by: float) -> Vector:
+    return vector[0] * by, vector[1] * by, vector[2] * by
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _largest(vector: Sequence[float]) -> float:
+    return max(abs(vector[0]), abs(vector[1]), abs(vector[2]))
+
+
+def _unit(vector: Sequence[float]) -> Vector:
+    """A unit vector, for vectors of any length; nan for zero, whose direction nobody knows."""
+    largest = _largest(vector)
+    if largest == 0.0:
+        return math.nan, math.nan, math.nan
+    scaled = vector[0] / largest, vector[1] / largest, vector[2] / largest
+    length = math.sqrt(scaled[0] * scaled[0] + scaled[1] * scaled[1] + scaled[2] * scaled[2])
+    return scaled[0] / length, scaled[1] / length, scaled[2] / length
 
 
 def _sin_cos(degrees: float) -> tuple[float, float]:

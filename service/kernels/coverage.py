@@ -26,17 +26,16 @@ LISTED = 255  # the pixel is looked into
 
 
 @borrowing
-def cut(segments, start, x0, y0, x1, y1, sums, state, pieces, places):
-    """Cut segments (s, 4) f8, from number `start` on, at the sides of pixels into pieces, and add these up.
+def cut(segments, chosen, start, x0, y0, x1, y1, sums, state, pieces, places):
+    """Cut segments (s, 4) f8, those with the numbers chosen[start:] (i4), at the sides of pixels into pieces, and add these up.
 
     sums (rows, columns) f8, state (rows, columns) u1: of the pixels from (x0, y0) on; sums need not be cleared, state must be.
     Of the image, rows outside y0..y1 and what is right of x1 drop out; what is left of x0 covers whole rows. pieces (n, 4) f8, places
     (n,) i4: row * columns + column. Returns (how many pieces, next start): it stops when the next segment might not fit any more.
-
-    All in one function: arrays that are handed on cost atomic reference counts, more than the work done on a piece.
     """
     n, columns, left_side, right_side = 0, np.uint64(state.shape[1]), np.float64(x0), np.float64(x1)
-    for s in range(start, segments.shape[0]):
+    for t in range(start, chosen.shape[0]):
+        s = np.uint64(chosen[t])
         px, py, qx, qy = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
         down = py <= qy
         if not down:
@@ -45,7 +44,7 @@ def cut(segments, start, x0, y0, x1, y1, sums, state, pieces, places):
         if qy < y0 or py >= y1 or (px >= x1 and qx >= x1):
             continue
         if n + _most_pieces(px, py, qx, qy, x0, y0, x1, y1) > pieces.shape[0]:
-            return n, s
+            return n, t
         first, last = np.int64(np.floor(max(py, np.float64(y0)))), np.int64(np.ceil(min(qy, np.float64(y1)))) - 1
         last = max(first, last)
         low, high = min(px, qx), max(px, qx)
@@ -116,7 +115,7 @@ def cut(segments, start, x0, y0, x1, y1, sums, state, pieces, places):
                     break
                 xs, ys = bx, by
                 column += step
-    return n, segments.shape[0]
+    return n, chosen.shape[0]
 
 
 @borrowing
@@ -134,15 +133,43 @@ def _most_pieces(xa, ya, xb, yb, x0, y0, x1, y1):
 
 
 @borrowing
-def most_pieces(segments, x0, y0, x1, y1):
+def most_pieces(segments, chosen, x0, y0, x1, y1):
     """Upper bound of the number of pieces that `cut` makes; NaN where a coordinate is."""
     pieces, check = 0.0, 0.0
-    for s in range(segments.shape[0]):
+    for t in range(chosen.shape[0]):
+        s = np.uint64(chosen[t])
         xa, ya, xb, yb = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
         check += 0.0 * (xa + ya + xb + yb)
         if max(ya, yb) >= y0 and min(ya, yb) < y1:
             pieces += _most_pieces(xa, min(ya, yb), xb, max(ya, yb), x0, y0, x1, y1)
     return pieces + check
+
+
+@njit(cache=True, nogil=True)
+def by_band(segments, y0, y1, rows):
+    """Numbers of the segments (s, 4) f8 that each band of `rows` rows of y0..y1 may have something of: (starts (b + 1,) i4, chosen (n,)
+    i4), those of band b being chosen[starts[b]:starts[b + 1]]. Segments that are not finite are in the first band.
+    """
+    bands = (y1 - y0 + rows - 1) // rows
+    starts = np.zeros(bands + 2, np.int32)
+    spans = np.empty((segments.shape[0], 2), np.int16)
+    for s in range(np.uint64(segments.shape[0])):
+        low, high = min(segments[s, 1], segments[s, 3]) - y0, max(segments[s, 1], segments[s, 3]) - y0
+        first = last = 0
+        if abs(segments[s, 0] + segments[s, 2] + low + high) < np.inf:
+            first = np.int64(min(max(low, 0.0), np.float64(y1 - y0))) // rows
+            last = np.int64(min(max(high, -1.0), np.float64(y1 - y0 - 1))) // rows
+        spans[s, 0], spans[s, 1] = first, last
+        for band in range(first, last + 1):
+            starts[band + 2] += 1
+    for band in range(bands):
+        starts[band + 2] += starts[band + 1]
+    chosen = np.empty(starts[bands + 1], np.int32)
+    for s in range(np.uint64(segments.shape[0])):
+        for band in range(spans[s, 0], spans[s, 1] + 1):
+            chosen[starts[band + 1]] = s
+            starts[band + 1] += 1
+    return starts[: bands + 1], chosen
 
 
 @borrowing

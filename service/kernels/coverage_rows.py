@@ -16,8 +16,9 @@ def columns_of(width):
 
 
 @njit(cache=True, nogil=True)
-def cover(segments, x0, y0, x1, y1, base, out, most, scratch):
-    """Write the covered areas of the rectangle from (x0, y0) to (x1, y1) into out (h, w) u1, from segments (s, 4) f8.
+def cover(segments, chosen, x0, y0, x1, y1, base, out, most, scratch):
+    """Write the covered areas of the rectangle from (x0, y0) to (x1, y1) into out (h, w) u1, from segments (s, 4) f8,
+    those with the numbers chosen (k,) i4; the others have nothing in these rows.
 
     base, out: see `service.silhouette.coverage.coverage_mask`; what lies left of the rectangle counts, what is right of it does not. most:
     pieces held at a time; with more, doubtful pixels stay clamped. scratch: (sums f8, state u1, state as u8 words, number i4, doubtful i4)
@@ -28,7 +29,7 @@ def cover(segments, x0, y0, x1, y1, base, out, most, scratch):
     sums, state, state8, number, doubtful, pieces, own, places, offsets = scratch
     rows, columns = y1 - y0, columns_of(x1 - x0)
     size = rows * columns
-    needed = most_pieces(segments, x0, y0, x1, y1)
+    needed = most_pieces(segments, chosen, x0, y0, x1, y1)
     if not needed < np.inf:
         return -1, 0
     room = np.int64(min(needed, np.float64(most)))
@@ -38,8 +39,8 @@ def cover(segments, x0, y0, x1, y1, base, out, most, scratch):
     flat[:] = 0
     grid, lines = sums[:size].reshape(rows, columns), flat.reshape(rows, columns)
     start, goes, count = 0, 0, 0
-    while start < segments.shape[0]:
-        count, start = cut(segments, start, x0, y0, x1, y1, grid, lines, pieces[:room], places)
+    while start < chosen.shape[0]:
+        count, start = cut(segments, chosen, start, x0, y0, x1, y1, grid, lines, pieces[:room], places)
         goes += 1
     found, end = sweep(grid, lines, state8[: size // 8].reshape(rows, columns // 8), base, x0, y0, x1, y1, out, doubtful)
     if found and goes == 1:

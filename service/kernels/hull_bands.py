@@ -44,11 +44,11 @@ def _clear_beside(image, first, end, area):
 
 
 @njit(cache=True, nogil=True)
-def draw_bands(taken, area, rows, covering, segments, most, hull, rim, half, mask, image, maps, shading, ground, flat, scratch, spent):
+def draw_bands(taken, area, rows, covering, outline, most, hull, rim, half, mask, image, maps, shading, ground, flat, scratch, spent):
     """Draw bands of `rows` rows of the area (x0, y0, x1, y1) until all are taken; taken (1,) i8 counts them, for all threads.
 
-    covering: whether segments (s, 4) f8 are to be summed into mask (h, w) u1 (`coverage_rows.cover`, at most `most` pieces); else it is
-    there already. hull: (points, faces, uv, sense, seen, rows) as `hull_visible.draw_faces` takes them, rim: (ends, places) of
+    covering: whether the outline is to be summed into mask (h, w) u1 (`coverage_rows.cover`, at most `most` pieces); else it is
+    there already. outline: (segments (s, 4) f8, and of `coverage.by_band` starts, chosen). hull: (points, faces, uv, sense, seen, rows) as `hull_visible.draw_faces` takes them, rim: (ends, places) of
     `hull_rim.place_rim`, half: of its width. image (h, w) u4: all of it is written, but what is
     outside the area only without a ground; maps, shading, ground: as `hull_shading.paint` takes them. Without any
     face to draw, flat u4 is the colour of what the mask covers, when shading[0] is negative. scratch: (of `cover`, of `paint`, words i8
@@ -57,6 +57,7 @@ def draw_bands(taken, area, rows, covering, segments, most, hull, rim, half, mas
     x0, y0, x1, y1 = area
     points, faces, uv, sense, seen, spans = hull
     ends, places = rim
+    segments, starts, chosen = outline
     sums, lines, words, planes = scratch
     bare = shading[0] < 0
     while True:
@@ -77,7 +78,7 @@ def draw_bands(taken, area, rows, covering, segments, most, hull, rim, half, mas
             spent[1] += cycles() - clock
             clock = cycles()
         if covering:
-            found, _ = cover(segments, x0, top, x1, end, 0.0, mask, most, sums)
+            found, _ = cover(segments, chosen[starts[band] : starts[band + 1]], x0, top, x1, end, 0.0, mask, most, sums)
             if found < 0:
                 return False
             spent[2] += cycles() - clock

@@ -13,6 +13,7 @@ from schemas.conventions import Array
 from schemas.render import ShadingMode
 from service.kernels import hull_rim, hull_shading
 from service.kernels.compositing import srgb_of
+from service.kernels.coverage import by_band
 from service.kernels.coverage_rows import columns_of
 from service.kernels.hull_bands import PASSES, draw_bands
 from service.kernels.hull_visible import PLANES, SLACK
@@ -51,8 +52,9 @@ def draw_in_bands(frame: FrameState) -> dict[str, float]:
     hull, rim, maps = _surface(None if bare else frame.placed)
     shading, taken = _shading(frame, maps), np.zeros(1, np.int64)
     corners = (area.x, area.y, area.x + area.width, area.y + area.height)
+    segments = frame.segments if covering else _NO_SEGMENTS
     given = (
-        taken, corners, rows, covering, frame.segments, MOST_PIECES, hull, rim, hull_rim.LEAST_HALF_WIDTH + frame.beyond_px,
+        taken, corners, rows, covering, (segments, *by_band(segments, corners[1], corners[3], rows)), MOST_PIECES, hull, rim, hull_rim.LEAST_HALF_WIDTH + frame.beyond_px,
         frame.mask, as_words(frame.image), maps, shading, (frame.background is not None, LINEAR_TABLE),
         word_of(parse_color(frame.request.shading.color)),
     )  # fmt: skip
@@ -87,6 +89,7 @@ def _band_scratch(rows: int, width: int, planes: tuple[int, int]) -> tuple[Any, 
     return cover_scratch(rows * columns_of(width)), lines, words, _scratch.array("planes", planes, np.float64)
 
 
+_NO_SEGMENTS = np.empty((0, 4))
 _NO_HULL = (
     np.empty((0, 4)),
     np.empty((0, 3), np.int32),
@@ -119,7 +122,7 @@ def _shading(frame: FrameState, maps: tuple[Any, ...]) -> tuple[Any, ...]:
     elif shading.use_mesh_color and maps[0] is not maps[1]:
         shown = hull_shading.TINTED
     turned = _AS_IS if turn is None else turn.astype(np.float32, order="C")
-    light = light_of(frame).astype(np.float32)
+    light = np.array(light_of(frame), np.float32)
     return shown, turned, light, np.float32(shading.ambient), palette(parse_color(shading.color)), ENCODED
 
 

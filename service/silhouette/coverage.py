@@ -48,45 +48,35 @@ def cover_scratch(pixels: int) -> tuple[Array, ...]:
     return sums, state, state.view(np.uint64), ints[0], ints[1], pieces[0], pieces[1], places, ints[2]
 
 
-def coverage_mask(
-    segments: F8,
-    width: int,
-    height: int,
-    out: U1 | None = None,
-    base: int = 0,
-    *,
-    rows: tuple[int, int] | None = None,
-) -> Coverage:
+def coverage_mask(segments: F8, width: int, height: int, out: U1 | None = None, base: int = 0) -> Coverage:
     """Covered area of each pixel of a width x height image, from the segments of `project_edges`.
 
     segments: (s, 4) f8 pixels (xa, ya, xb, yb), y down, that form closed polygons, in any order; covered is where their winding
     number is positive, an edge that runs down the image counting +1 for what is right of it. The area is exact before it is
     rounded to 1/255, but in pixels with more than 8 pieces of edges (sampled at 24 heights) and, where more than
     MOST_PIECES pixels and edges meet, in pixels that go from no layer to several (they may come out too full).
-    out: (h, w) u1 C-contiguous, overwritten. base: added to the winding number everywhere (`surrounding_layers`).
-    rows: (first, end), half-open: only these are written. The kernels release the interpreter lock. Raises ValueError for segments
-    that are not finite.
+    out: (h, w) u1 C-contiguous, overwritten. base: added to the winding number everywhere (`surrounding_layers`). The kernels
+    release the interpreter lock. Raises ValueError for segments that are not finite.
     """
     lines = np.ascontiguousarray(segments, np.float64).reshape(-1, 4)
     if out is None:
         out = np.zeros((height, width), np.uint8)
-    first, end = rows or (0, height)
-    out[first:end] = 0
-    x0, y0, x1, y1 = _bounds(lines, width, (first, end))
+    out[:] = 0
+    x0, y0, x1, y1 = _bounds(lines, width, height)
     if base != 0:
-        x0, y0, x1, y1 = 0, first, width, end
+        x0, y0, x1, y1 = 0, 0, width, height
     if x0 >= x1 or y0 >= y1:
         return Coverage(out, (0, 0, 0, 0), 0)
     scratch = cover_scratch((y1 - y0) * columns_of(x1 - x0))
-    found, last = cover(lines, x0, y0, x1, y1, float(base), out, MOST_PIECES, scratch)
+    found, last = cover(lines, np.arange(len(lines), dtype=np.int32), x0, y0, x1, y1, float(base), out, MOST_PIECES, scratch)
     return Coverage(out, (x0, y0, last, y1), found)
 
 
-def _bounds(lines: F8, width: int, rows: tuple[int, int]) -> tuple[int, int, int, int]:
-    """The pixels of these rows that the lines can touch, and the first column when they are left of the image."""
+def _bounds(lines: F8, width: int, height: int) -> tuple[int, int, int, int]:
+    """The pixels that the lines can touch, and the first column when they are left of the image."""
     low_x, low_y, high_x, high_y = extent(lines)
     if not max(-low_x, -low_y, high_x, high_y) <= FARTHEST_PX:
         raise ValueError("segments must be finite")
-    x0, y0 = int(min(max(low_x, 0.0), width)), int(min(max(low_y, rows[0]), rows[1]))
-    x1, y1 = int(min(max(np.floor(high_x) + 1.0, 1.0), width)), int(min(max(np.floor(high_y) + 1.0, rows[0]), rows[1]))
+    x0, y0 = int(min(max(low_x, 0.0), width)), int(min(max(low_y, 0.0), height))
+    x1, y1 = int(min(max(np.floor(high_x) + 1.0, 1.0), width)), int(min(max(np.floor(high_y) + 1.0, 0.0), height))
     return x0, y0, x1, y1

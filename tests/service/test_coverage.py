@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.kernels.coverage import cut
+from service.kernels.coverage import by_band, cut
 from service.kernels.coverage_pixels import EXACT_PIECES, SLABS
 from service.kernels.coverage_rows import columns_of, cover
 from service.silhouette import coverage
@@ -43,7 +43,7 @@ def allowed(segments, width, height):
     pieces, places = np.empty((1000, 4)), np.empty(1000, np.int32)
     columns = width + 1
     sums, state = np.zeros((height, columns)), np.zeros((height, columns), np.uint8)
-    count, _ = cut(segments, 0, 0, 0, width, height, sums, state, pieces, places)
+    count, _ = cut(segments, np.arange(len(segments), dtype=np.int32), 0, 0, 0, width, height, sums, state, pieces, places)
     crossed = np.bincount(places[:count], minlength=height * columns).reshape(height, columns)[:, :width]
     return np.where(crossed > EXACT_PIECES, crossed / SLABS, ROUNDING)
 
@@ -200,13 +200,26 @@ def test_segments_that_are_not_finite_are_refused(value):
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(points, min_size=1, max_size=2), st.integers(0, 4), st.integers(1, 5))
-def test_some_rows_are_those_of_the_whole(polygons, first, count):
-    segments, rows = np.concatenate([polygon(*p) for p in polygons]), (first, min(first + count, 5))
-    whole, part = coverage_mask(segments, 6, 5).mask, np.full((5, 6), 77, np.uint8)
-    coverage_mask(segments, 6, 5, part, rows=rows)
-    assert np.array_equal(part[rows[0] : rows[1]], whole[rows[0] : rows[1]])
-    assert (np.delete(part, np.s_[rows[0] : rows[1]], axis=0) == 77).all()
+@given(st.lists(points, min_size=1, max_size=2), st.integers(1, 5))
+def test_bands_of_rows_are_those_of_the_whole(polygons, rows):
+    segments = np.concatenate([polygon(*p) for p in polygons])
+    whole, parts = coverage_mask(segments, 6, 5).mask, np.full((5, 6), 77, np.uint8)
+    starts, chosen = by_band(segments, 0, 5, rows)
+    for band, top in enumerate(range(0, 5, rows)):
+        scratch = coverage.cover_scratch(rows * columns_of(6))
+        some = chosen[starts[band] : starts[band + 1]]
+        cover(segments, some, 0, top, 6, min(top + rows, 5), 0.0, parts, coverage.MOST_PIECES, scratch)
+    assert np.abs(parts.astype(int) - whole).max() <= 1
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_band_is_told_of_segments_that_are_not_finite(value):
+    broken = np.concatenate([SQUARE, SQUARE + [0.0, 20.0, 0.0, 20.0]])
+    broken[6, 0] = value
+    starts, chosen = by_band(broken, 0, 30, 10)
+    assert 6 in chosen[starts[0] : starts[1]]
+    found, _ = cover(broken, chosen[: starts[1]], 0, 0, 5, 10, 0.0, np.zeros((30, 5), np.uint8), 99, coverage.cover_scratch(80))
+    assert found < 0
 
 
 @settings(max_examples=60, deadline=None)
@@ -215,7 +228,7 @@ def test_a_rectangle_counts_what_is_left_of_it_and_nothing_else(polygons, left, 
     segments = np.concatenate([polygon(*p) for p in polygons])
     whole, part, right = coverage_mask(segments, 12, 5).mask, np.zeros((5, 12), np.uint8), left + width
     scratch = coverage.cover_scratch(5 * columns_of(width))
-    found, _ = cover(segments, left, 0, right, 5, 0.0, part, coverage.MOST_PIECES, scratch)
+    found, _ = cover(segments, np.arange(len(segments), dtype=np.int32), left, 0, right, 5, 0.0, part, coverage.MOST_PIECES, scratch)
     assert found >= 0
     assert np.abs(part[:, left:right].astype(int) - whole[:, left:right]).max() <= 1
 

@@ -47,7 +47,7 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
         clip_from_object=frame.clip_from_object(),
         base_color=tuple(color.tolist()),
         base_root=tuple((color ** (1.0 / 2.4)).tolist()),
-        light=tuple(light_of(frame).tolist()),
+        light=light_of(frame),
         ambient=shading.ambient,
         **placed,
         **{name: unit for unit, name in enumerate(surface.textures)},
