@@ -53,9 +53,10 @@ def draw_in_bands(frame: FrameState) -> dict[str, float]:
     shading, taken = _shading(frame, maps), np.zeros(1, np.int64)
     corners = (area.x, area.y, area.x + area.width, area.y + area.height)
     segments = frame.segments if covering else _NO_SEGMENTS
+    outline = (segments, *by_band(segments, area.y, area.y + area.height, rows))
     given = (
-        taken, corners, rows, covering, (segments, *by_band(segments, corners[1], corners[3], rows)), MOST_PIECES, hull, rim, hull_rim.LEAST_HALF_WIDTH + frame.beyond_px,
-        frame.mask, as_words(frame.image), maps, shading, (frame.background is not None, LINEAR_TABLE),
+        taken, corners, rows, covering, outline, MOST_PIECES, hull, rim, hull_rim.LEAST_HALF_WIDTH + frame.beyond_px, frame.mask,
+        as_words(frame.image), maps, shading, (frame.background is not None, LINEAR_TABLE),
         word_of(parse_color(frame.request.shading.color)),
     )  # fmt: skip
     planes = (len(hull[1]) + len(rim[0]), PLANES)

@@ -214,7 +214,7 @@ def test_bands_of_rows_are_those_of_the_whole(polygons, rows):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_band_is_told_of_segments_that_are_not_finite(value):
-    broken = np.concatenate([SQUARE, SQUARE + [0.0, 20.0, 0.0, 20.0]])
+    broken = np.concatenate([SQUARE, np.add(SQUARE, (0.0, 20.0, 0.0, 20.0))])
     broken[6, 0] = value
     starts, chosen = by_band(broken, 0, 30, 10)
     assert 6 in chosen[starts[0] : starts[1]]
