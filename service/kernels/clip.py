@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
+
 EYE_PLANE = 1e-10  # w of the plane that stands in for w = 0, normalised units; float32 positions resolve 6e-8
 FAR_PIXELS = 1e6  # a segment that stays within this many pixels of the image needs no clipping to keep its digits
 ARC_STEP = np.pi / 3.0  # closing paths bend in steps of 60 degrees, so that no chord comes near the axis
@@ -88,24 +90,33 @@ def count_crossings(m, positions, edges):
     return crossing
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
+def _in_front(m, positions, edges, first, last, width, height, out):
+    n, beyond = first, 0
+    for e in range(np.uint64(first), np.uint64(last)):
+        i, j = np.uint64(edges[e, 0]), np.uint64(edges[e, 1])
+        x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
+        wa = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
+        xa = (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]) / wa
+        ya = (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]) / wa
+        x, y, z = np.float64(positions[j, 0]), np.float64(positions[j, 1]), np.float64(positions[j, 2])
+        wb = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
+        xb = (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]) / wb
+        yb = (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]) / wb
+        beyond |= not ((wa >= EYE_PLANE) & (wb >= EYE_PLANE) & (max(abs(xa), abs(ya), abs(xb), abs(yb)) < FAR_PIXELS))
+        k = np.uint64(n)
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = xa, ya, xb, yb
+        n += (max(ya, yb) >= 0.0) & (min(ya, yb) <= height) & (min(xa, xb) <= width)
+    return -1 if beyond else n
+
+
+@njit(cache=True, nogil=True)
 def project_in_front(m, positions, edges, first, last, width, height, out):
     """The segments of edges first..last, written to out (n, 4) f8 from row `first` on; returns the row behind them.
 
     For when nothing is behind the eye plane and nothing far from the image; otherwise returns -1, and `project_edges` must do it.
     """
-    n = first
-    end = np.empty((2, 2))
-    for e in range(first, last):
-        for k in range(2):
-            u, v, w = homogeneous(m, positions[np.uint64(edges[e, k])])
-            end[k, 0], end[k, 1] = u / w, v / w
-            if not (w >= EYE_PLANE and max(abs(end[k, 0]), abs(end[k, 1])) < FAR_PIXELS):
-                return -1
-        xa, ya, xb, yb = end[0, 0], end[0, 1], end[1, 0], end[1, 1]
-        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = xa, ya, xb, yb
-        n += max(ya, yb) >= 0.0 and min(ya, yb) <= height and min(xa, xb) <= width
-    return n
+    return _in_front(m, positions, edges, first, last, width, height, out)
 
 
 @njit(cache=True, nogil=True)
