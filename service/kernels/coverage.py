@@ -23,6 +23,7 @@ SUMMED = 1  # its sum has been written
 RIGHT, LEFT, DOWN, UP = 2, 4, 8, 16  # some piece runs that way
 TOUCH = 32  # three bits: pieces' ends on the border, 0..7
 LISTED = 255  # the pixel is looked into
+NEARLY = 1e-9  # bands
 
 
 @borrowing
@@ -145,31 +146,51 @@ def most_pieces(segments, chosen, x0, y0, x1, y1):
     return pieces + check
 
 
+@borrowing
+def _spans(segments, y0, height, rows, spans):
+    """First and last band of each segment into spans (s, 2) i2, rather one too many than one too few; whether all are finite."""
+    scale, check = 1.0 / rows, 0.0
+    for s in range(np.uint64(segments.shape[0])):
+        ya, yb = segments[s, 1], segments[s, 3]
+        check += 0.0 * (segments[s, 0] + ya + segments[s, 2] + yb)
+        low, high = min(max(min(ya, yb) - y0, 0.0), height), min(max(max(ya, yb) - y0, 0.0), height - 1.0)
+        spans[s, 0], spans[s, 1] = np.int16(low * scale - NEARLY), np.int16(high * scale + NEARLY)
+    return check == 0.0
+
+
+@borrowing
+def _count(spans, starts):
+    """Add the number of segments of band b to starts[b + 2]."""
+    for s in range(np.uint64(spans.shape[0])):
+        for band in range(np.uint64(spans[s, 0]), np.uint64(spans[s, 1]) + np.uint64(1)):
+            starts[band + np.uint64(2)] += 1
+
+
+@borrowing
+def _list(spans, starts, chosen):
+    """Put the segments of band b from chosen[starts[b + 1]] on; starts[b + 1] is then where they end."""
+    for s in range(np.uint64(spans.shape[0])):
+        for band in range(np.uint64(spans[s, 0]) + np.uint64(1), np.uint64(spans[s, 1]) + np.uint64(2)):
+            chosen[starts[band]] = np.int32(s)
+            starts[band] += 1
+
+
 @njit(cache=True, nogil=True)
 def by_band(segments, y0, y1, rows):
-    """Numbers of the segments (s, 4) f8 that each band of `rows` rows of y0..y1 may have something of: (starts (b + 1,) i4, chosen (n,)
-    i4), those of band b being chosen[starts[b]:starts[b + 1]]. Segments that are not finite are in the first band.
+    """Numbers of the segments (s, 4) f8 that each band of `rows` rows of y0..y1 may have something of: (whether all are finite, starts
+    (b + 1,) i4, chosen (n,) i4), those of band b being chosen[starts[b]:starts[b + 1]].
     """
     bands = (y1 - y0 + rows - 1) // rows
-    starts = np.zeros(bands + 2, np.int32)
-    spans = np.empty((segments.shape[0], 2), np.int16)
-    for s in range(np.uint64(segments.shape[0])):
-        low, high = min(segments[s, 1], segments[s, 3]) - y0, max(segments[s, 1], segments[s, 3]) - y0
-        first = last = 0
-        if abs(segments[s, 0] + segments[s, 2] + low + high) < np.inf:
-            first = np.int64(min(max(low, 0.0), np.float64(y1 - y0))) // rows
-            last = np.int64(min(max(high, -1.0), np.float64(y1 - y0 - 1))) // rows
-        spans[s, 0], spans[s, 1] = first, last
-        for band in range(first, last + 1):
-            starts[band + 2] += 1
+    spans, starts = np.empty((segments.shape[0], 2), np.int16), np.zeros(bands + 2, np.int32)
+    finite = _spans(segments, np.float64(y0), np.float64(y1 - y0), np.float64(rows), spans)
+    if finite:
+        _count(spans, starts)
     for band in range(bands):
         starts[band + 2] += starts[band + 1]
     chosen = np.empty(starts[bands + 1], np.int32)
-    for s in range(np.uint64(segments.shape[0])):
-        for band in range(spans[s, 0], spans[s, 1] + 1):
-            chosen[starts[band + 1]] = s
-            starts[band + 1] += 1
-    return starts[: bands + 1], chosen
+    if finite:
+        _list(spans, starts, chosen)
+    return finite, starts[: bands + 1], chosen
 
 
 @borrowing

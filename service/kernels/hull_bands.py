@@ -48,11 +48,11 @@ def draw_bands(taken, area, rows, covering, outline, most, hull, rim, half, mask
     """Draw bands of `rows` rows of the area (x0, y0, x1, y1) until all are taken; taken (1,) i8 counts them, for all threads.
 
     covering: whether the outline is to be summed into mask (h, w) u1 (`coverage_rows.cover`, at most `most` pieces); else it is
-    there already. outline: (segments (s, 4) f8, and of `coverage.by_band` starts, chosen). hull: (points, faces, uv, sense, seen, rows)
-    as `hull_visible.draw_faces` takes them, rim: (ends, places) of `hull_rim.place_rim`, half: of its width. image (h, w) u4: all of it
-    is written, but what is outside the area only without a ground; maps, shading, ground: as `hull_shading.paint` takes them. Without
-    any face to draw, flat u4 is the colour of what the mask covers, when shading[0] is negative. scratch: (of `cover`, of `paint`, words
-    i8 (flat), planes (f + e, PLANES) f8). spent (4,) i8: cycles of each of PASSES are added. Returns False when a segment is not finite.
+    there already. outline: (segments (s, 4) f8, finite, and of `coverage.by_band` starts, chosen). hull: (points, faces, uv, sense,
+    seen, rows) as `hull_visible.draw_faces` takes them, rim: (ends, places) of `hull_rim.place_rim`, half: of its width. image (h, w) u4:
+    all of it is written, but what is outside the area only without a ground; maps, shading, ground: as `hull_shading.paint` takes them.
+    Without any face to draw, flat u4 is the colour of what the mask covers, when shading[0] is negative. scratch: (of `cover`, of `paint`,
+    words i8 (flat), planes (f + e, PLANES) f8). spent (4,) i8: cycles of each of PASSES are added.
     """
     x0, y0, x1, y1 = area
     points, faces, uv, sense, seen, spans = hull
@@ -64,7 +64,7 @@ def draw_bands(taken, area, rows, covering, outline, most, hull, rim, half, mask
         band = take(taken)
         top = y0 + band * rows
         if top >= y1:
-            return True
+            return
         end = min(top + rows, y1)
         clock = cycles()
         if not ground[0]:
@@ -78,9 +78,7 @@ def draw_bands(taken, area, rows, covering, outline, most, hull, rim, half, mask
             spent[1] += cycles() - clock
             clock = cycles()
         if covering:
-            found, _ = cover(segments, chosen[starts[band] : starts[band + 1]], x0, top, x1, end, 0.0, mask, most, sums)
-            if found < 0:
-                return False
+            cover(segments, chosen[starts[band] : starts[band + 1]], x0, top, x1, end, 0.0, mask, most, sums)
             spent[2] += cycles() - clock
             clock = cycles()
         if bare:

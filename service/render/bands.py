@@ -53,18 +53,19 @@ def draw_in_bands(frame: FrameState) -> dict[str, float]:
     shading, taken = _shading(frame, maps), np.zeros(1, np.int64)
     corners = (area.x, area.y, area.x + area.width, area.y + area.height)
     segments = frame.segments if covering else _NO_SEGMENTS
-    outline = (segments, *by_band(segments, area.y, area.y + area.height, rows))
+    finite, starts, chosen = by_band(segments, area.y, area.y + area.height, rows)
+    if not finite:
+        raise ValueError("segments must be finite")
+    half = hull_rim.LEAST_HALF_WIDTH + frame.beyond_px
     given = (
-        taken, corners, rows, covering, outline, MOST_PIECES, hull, rim, hull_rim.LEAST_HALF_WIDTH + frame.beyond_px, frame.mask,
-        as_words(frame.image), maps, shading, (frame.background is not None, LINEAR_TABLE),
-        word_of(parse_color(frame.request.shading.color)),
+        taken, corners, rows, covering, (segments, starts, chosen), MOST_PIECES, hull, rim, half, frame.mask, as_words(frame.image), maps,
+        shading, (frame.background is not None, LINEAR_TABLE), word_of(parse_color(frame.request.shading.color)),
     )  # fmt: skip
     planes = (len(hull[1]) + len(rim[0]), PLANES)
 
     def draw() -> npt.NDArray[np.int64]:
         spent = np.zeros(len(PASSES), np.int64)
-        if not draw_bands(*given, _band_scratch(rows, area.width, planes), spent):
-            raise ValueError("segments must be finite")
+        draw_bands(*given, _band_scratch(rows, area.width, planes), spent)
         return spent
 
     spent = np.sum(side_by_side(draw, min(cores(), count)), axis=0)

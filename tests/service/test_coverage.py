@@ -204,7 +204,8 @@ def test_segments_that_are_not_finite_are_refused(value):
 def test_bands_of_rows_are_those_of_the_whole(polygons, rows):
     segments = np.concatenate([polygon(*p) for p in polygons])
     whole, parts = coverage_mask(segments, 6, 5).mask, np.full((5, 6), 77, np.uint8)
-    starts, chosen = by_band(segments, 0, 5, rows)
+    finite, starts, chosen = by_band(segments, 0, 5, rows)
+    assert finite
     for band, top in enumerate(range(0, 5, rows)):
         scratch = coverage.cover_scratch(rows * columns_of(6))
         some = chosen[starts[band] : starts[band + 1]]
@@ -213,13 +214,13 @@ def test_bands_of_rows_are_those_of_the_whole(polygons, rows):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_band_is_told_of_segments_that_are_not_finite(value):
+def test_segments_that_are_not_finite_are_in_no_band(value):
     broken = np.concatenate([SQUARE, np.add(SQUARE, (0.0, 20.0, 0.0, 20.0))])
     broken[6, 0] = value
-    starts, chosen = by_band(broken, 0, 30, 10)
-    assert 6 in chosen[starts[0] : starts[1]]
-    found, _ = cover(broken, chosen[: starts[1]], 0, 0, 5, 10, 0.0, np.zeros((30, 5), np.uint8), 99, coverage.cover_scratch(80))
-    assert found < 0
+    finite, starts, chosen = by_band(broken, 0, 30, 10)
+    assert not finite
+    assert not starts.any()
+    assert not len(chosen)
 
 
 @settings(max_examples=60, deadline=None)
