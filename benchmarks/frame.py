@@ -3,11 +3,13 @@
     python -m benchmarks.frame MESH --size 512 [--views 20] [--json]
 
 MESH is a file or a name that `benchmarks.models` knows. Its hull, maps and tree are made first, in this process.
-All rungs are drawn in turn in the same run, view by view; times are medians, from the resolved request to pixels in memory,
-readback included, encoding apart. `passes` are those of the coverage rung with a wait after each (a frame without the waits
-is faster than their sum). `outline` compares the alpha of `coverage` with the original drawn binary at 16 x 16 times the
-pixels: mean absolute error over the pixels that are neither fully in nor fully out, and the percentage of the others that are
-off by more than 0.02 (a sliver along a pixel's border can lie between the samples).
+The rungs take turns in the same run: each draws all views one after the other, as a client that turns the mesh has it, then the
+next one does, and that ROUNDS times. Times are medians, from the resolved request to pixels in memory, readback included,
+encoding apart. `clipped_coverage_cold_ms` is a coverage frame straight after one of the original, which leaves nothing of it in the
+caches. `passes` are those of the coverage rung with a wait after each (a frame without the waits is faster than their sum).
+`outline` compares the alpha of `coverage` with the original drawn binary at 16 x 16 times the pixels: mean absolute error over the
+pixels that are neither fully in nor fully out, and the percentage of the others that are off by more than 0.02 (a sliver along a
+pixel's border can lie between the samples).
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from schemas.mesh import PreprocessOptions
 from schemas.render import MAX_SIDE_PX, Accuracy, Antialias, ImageFormat, Orbit, OrbitCamera, RenderRequest, Shading, ShadingMode, Source
 from service.assets import MeshAsset
 from service.render.encode import encode
-from service.render.frame import render_frame
+from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
 from service.silhouette.extract import SilhouetteTree
 from worker.bake import bake_maps, hull_normals
@@ -42,6 +44,7 @@ RUNGS = {
     "clipped_line_ms": (Source.CLIPPED, Antialias.LINE),
     "clipped_coverage_ms": (Source.CLIPPED, Antialias.COVERAGE),
 }
+COVERAGE = "clipped_coverage_ms"
 ROUNDS = 3
 SAMPLES = 16
 WRONG = 0.02
@@ -92,27 +95,35 @@ def request(view: int, views: int, side: int, rung: tuple[Source, Antialias], mo
 
 
 def frame_times(gpu: Gpu, asset: MeshAsset, views: int, side: int) -> dict[str, Any]:
-    """Medians of all rungs, of the coverage rung's passes, and of encoding its pictures."""
+    """Medians of all rungs, of the coverage rung after another, of its passes, and of encoding its pictures."""
     times: dict[str, list[float]] = defaultdict(list)
     passes: dict[str, list[float]] = defaultdict(list)
-    for view in range(-1, views):
-        for _ in range(ROUNDS):
-            for name, rung in RUNGS.items():
-                wanted = request(max(view, 0), views, side, rung)
-                start = time.perf_counter()
-                image = render_frame(gpu, asset, wanted)
-                times[name].append((time.perf_counter() - start) * 1e3)
+
+    def draw(view: int, rung: str, into: str | None = None) -> RenderedImage:
+        wanted = request(view, views, side, RUNGS[rung])
+        start = time.perf_counter()
+        image = render_frame(gpu, asset, wanted)
+        if into is not None:
+            times[into].append((time.perf_counter() - start) * 1e3)
+        return image
+
+    for rung in RUNGS:  # compiles and uploads
+        draw(0, rung)
+    for _ in range(ROUNDS):
+        for rung in RUNGS:
+            for view in range(views):
+                draw(view, rung, rung)
+        for view in range(views):
+            draw(view, "original_ms")
+            image = draw(view, COVERAGE, "clipped_coverage_cold_ms")
             start = time.perf_counter()
             encode(image.pixels, ImageFormat.PNG)
             times["encode_png_ms"].append((time.perf_counter() - start) * 1e3)
-            for name, ms in render_frame(gpu, asset, wanted, wait_each=True).passes:
+            waited = render_frame(gpu, asset, request(view, views, side, RUNGS[COVERAGE]), wait_each=True)
+            for name, ms in waited.passes:
                 passes[name].append(ms)
-        if view < 0:  # the first round compiles and uploads
-            times.clear()
-            passes.clear()
     medians = {name: round(statistics.median(values), 3) for name, values in times.items()}
-    encode_ms = medians.pop("encode_png_ms")
-    return medians | {"passes": {name: round(statistics.median(values), 3) for name, values in passes.items()}, "encode_png_ms": encode_ms}
+    return medians | {"passes": {name: round(statistics.median(values), 3) for name, values in passes.items()}}
 
 
 def alpha(gpu: Gpu, asset: MeshAsset, wanted: RenderRequest) -> F8:
@@ -160,6 +171,7 @@ def print_table(result: dict[str, Any]) -> None:
     slowest = result["original_msaa4_ms"]
     for name in RUNGS:
         print(f"  {name.removesuffix('_ms'):<18} {result[name]:>8.2f} ms   {slowest / result[name]:>6.1f} x")
+    print(f"  coverage, first frame after another rung: {result['clipped_coverage_cold_ms']:.2f} ms")
     print("  passes of coverage: " + ", ".join(f"{name} {ms:.2f}" for name, ms in result["passes"].items()))
     print(f"  PNG {result['encode_png_ms']:.2f} ms")
     outline = result["outline"]
