@@ -18,7 +18,7 @@ import safetensors.numpy
 
 from schemas.errors import MeshRejectedError, TooLargeError
 from tests.meshes import cube, sphere
-from tests.worker.loading.uploads import as_bytes, loaded
+from tests.worker.loading.uploads import FORMATS, as_bytes, extension, loaded, parsed
 from worker.loading import sandbox
 from worker.loading.faults import CODES, from_report
 from worker.loading.limits import LoadLimits
@@ -77,6 +77,25 @@ def test_a_success_leaves_no_file_process_or_descriptor(tmp_path, scratch):
     before = descriptors()
     loaded(tmp_path, as_bytes(cube(), "glb"), "glb")
     assert not list(scratch.iterdir()) and descriptors() == before and not children()
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_the_child_reads_the_same_without_the_libraries_that_it_leaves_out(tmp_path, kind):
+    path, data = tmp_path / "upload", as_bytes(cube(), kind)
+    path.write_bytes(data)
+    by_child, here = sandbox.parse_limited(path, extension(kind), LoadLimits()), parsed(data, kind)
+    assert np.array_equal(by_child.positions, here.positions) and np.array_equal(by_child.faces, here.faces)
+    assert by_child.appearance.keys() == here.appearance.keys() and by_child.notes == here.notes
+
+
+@pytest.mark.parametrize(("kind", "left_out"), [("ply", {"scipy", "networkx"}), ("3mf", {"scipy"})])
+def test_the_child_does_not_import_what_a_format_has_no_use_for(kind, left_out):
+    code = (
+        "import sys; from worker.loading.child import leave_out; leave_out(sys.argv[1]); import worker.loading.parse;"
+        "from trimesh.exchange import load; print(*(name for name in ('scipy', 'networkx') if sys.modules.get(name) is None))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code, kind], capture_output=True, text=True, check=True)
+    assert set(shown.stdout.split()) == left_out
 
 
 def test_the_child_dies_with_its_parent(tmp_path):
