@@ -13,11 +13,11 @@ QUEUE = "silhouette"
 STAGES: dict[str, tuple[str, ...]] = {
     "load": (),
     "hull": ("load",),
-    "bake": ("hull",),
-    "levels": ("hull",),
-    "tree": ("load",),
     "inner": ("load",),
+    "tree": ("load",),
+    "levels": ("hull",),
+    "bake": ("hull",),
     "verify": ("bake", "levels", "tree", "inner"),
 }
-"""Stage -> the stages that must be done (or skipped) before it; of those that are due, earlier ones are started first. Publishing
-the manifest ends `verify`."""
+"""Stage -> the stages that must be done (or skipped) before it; of those that are due, earlier ones are started first: the one that
+others wait for, then the longest, so that two workers end together. Publishing the manifest ends `verify`."""

@@ -16,9 +16,9 @@ from __future__ import annotations
 import hashlib
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,8 +40,9 @@ from worker.enclosure import Solid
 from worker.hull import Hull, build_hull
 from worker.levels import HullLevel, build_levels, hull_levels, level_sizes
 from worker.load import load_mesh
+from worker.side_by_side import run_side_by_side
 from worker.tree import Tree, build_tree
-from worker.verify import verify_artifacts
+from worker.verify import check_edges, check_surface, verify_artifacts
 from worker.verify_levels import verify_inner, verify_level
 
 log = logging.getLogger("silhouette.stages")
@@ -120,9 +121,11 @@ class Inputs:
 
     def tensors_if_any(self, layout: Layout, *, verify: bool = False) -> Tensors | None:
         """The same, or None where the mesh has no such artifact."""
-        if not self._store.exists(keys.artifact(self._mesh_id, layout.file)):
-            return None
-        return self.tensors(layout, verify=verify)
+        return self.tensors(layout, verify=verify) if self.has(layout) else None
+
+    def has(self, layout: Layout) -> bool:
+        """Whether the mesh has such an artifact."""
+        return self._store.exists(keys.artifact(self._mesh_id, layout.file))
 
 
 def load(inputs: Inputs) -> Result:
@@ -239,45 +242,59 @@ def tree(inputs: Inputs) -> Result:
 
 
 def verify(inputs: Inputs) -> Result:
-    """Check the artifacts as stored, by themselves and against each other.
+    """Check the artifacts as stored, by themselves and against each other, in two threads.
 
     A fault in what clipping needs takes that capability from the mesh, which is then drawn from the original; a fault in a level
     or an inner hull takes those. Raises CorruptArtifactError when the mesh itself is at fault.
     """
     mesh = inputs.tensors(artifacts.MESH, verify=True)
-    layouts = (artifacts.HULL, artifacts.MAPS, artifacts.TREE)
+    if not inputs.clippable:
+        return Result({"capabilities": {}, **verify_artifacts(mesh, None, None, None, inputs.progress)})
+    # what all checks stand on: kernels take indices as they are
+    check_surface(mesh, "mesh")
+    check_edges(mesh)
+    original = Solid(mesh["positions"], mesh["faces"])
+    tasks = [*level_checks(inputs, original), lambda: clipping_checked(inputs, mesh), lambda: inner_checked(inputs, original)]
+    *of_levels, of_clipping, of_inner = run_side_by_side(tasks, inputs.progress)
     capabilities: dict[str, Any] = {}
     report: dict[str, Any] = {"capabilities": capabilities}
     try:
-        coarse, maps, search = (inputs.tensors_if_any(layout, verify=True) for layout in layouts)
-        report |= verify_artifacts(mesh, coarse, maps, search, lambda part: inputs.progress(0.4 * part))
+        report |= of_clipping.result()
     except CorruptArtifactError as error:
         if error.where.get("artifact") not in CLIPPING_PARTS:
             raise
         capabilities["clip"] = withheld("clipping", error)
-    if inputs.clippable:
-        original = Solid(mesh["positions"], mesh["faces"])
-        try:
-            report["levels"] = list(verified_levels(inputs, original))
-        except CorruptArtifactError as error:
-            capabilities["levels"] = withheld("levels", error)
-        inputs.progress(0.8)
-        try:
-            sequence = inputs.tensors_if_any(artifacts.INNER_SEQUENCE, verify=True)
-            report["inner"] = verify_inner(original, sequence) if sequence else None
-        except CorruptArtifactError as error:
-            capabilities["inner"] = withheld("inner hulls", error)
+    try:
+        report["levels"] = [of_level.result() for of_level in of_levels]
+    except CorruptArtifactError as error:
+        capabilities["levels"] = withheld("levels", error)
+    try:
+        report["inner"] = of_inner.result() or None
+    except CorruptArtifactError as error:
+        capabilities["inner"] = withheld("inner hulls", error)
     return Result(report)
 
 
-def verified_levels(inputs: Inputs, original: Solid) -> Iterator[dict[str, Any]]:
-    """What was checked of each level that the mesh has. Raises CorruptArtifactError."""
-    places = list(zip(artifacts.LEVELS, artifacts.LEVEL_TREES, strict=True))
-    for k, (place, tree_place) in enumerate(places):
-        inputs.progress(0.4 + 0.4 * k / len(places))
-        level, search = inputs.tensors_if_any(place, verify=True), inputs.tensors_if_any(tree_place, verify=True)
-        if level is not None and search is not None:
-            yield verify_level(original, level, search)
+def clipping_checked(inputs: Inputs, mesh: Tensors) -> dict[str, Any]:
+    """What was checked of the mesh and of what clipping needs. Raises CorruptArtifactError."""
+    coarse, maps, search = (inputs.tensors_if_any(layout, verify=True) for layout in (artifacts.HULL, artifacts.MAPS, artifacts.TREE))
+    return verify_artifacts(mesh, coarse, maps, search, lambda part: None)
+
+
+def level_checks(inputs: Inputs, original: Solid) -> list[Callable[[], dict[str, Any]]]:
+    """A check for each level that the mesh has: what was checked of it. They raise CorruptArtifactError."""
+
+    def check(place: Layout, tree_place: Layout) -> dict[str, Any]:
+        return verify_level(original, inputs.tensors(place, verify=True), inputs.tensors(tree_place, verify=True))
+
+    places = zip(artifacts.LEVELS, artifacts.LEVEL_TREES, strict=True)
+    return [partial(check, *pair) for pair in places if all(inputs.has(layout) for layout in pair)]
+
+
+def inner_checked(inputs: Inputs, original: Solid) -> dict[str, Any]:
+    """What was checked of the inner hulls, nothing where the mesh has none. Raises CorruptArtifactError."""
+    sequence = inputs.tensors_if_any(artifacts.INNER_SEQUENCE, verify=True)
+    return verify_inner(original, sequence) if sequence else {}
 
 
 def withheld(what: str, error: CorruptArtifactError) -> dict[str, Any]:

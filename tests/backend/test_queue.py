@@ -75,20 +75,20 @@ def test_many_advancing_at_once_enqueue_one_job(store, queue, redis_url):
     ("done", "due"),
     [
         ([], ["load"]),
-        (["load"], ["hull", "tree", "inner"]),
-        (["load", "hull"], ["bake", "levels", "tree", "inner"]),
+        (["load"], ["hull", "inner", "tree"]),
+        (["load", "hull"], ["inner", "tree", "levels", "bake"]),
         (["load", "tree"], ["hull", "inner"]),
-        (["load", "hull", "bake", "levels"], ["tree", "inner"]),
+        (["load", "hull", "bake", "levels"], ["inner", "tree"]),
         (["load", "hull", "bake", "tree", "inner"], ["levels"]),
         (["load", "hull", "bake", "levels", "tree", "inner"], ["verify"]),
     ],
 )
-def test_stages_are_due_when_those_before_them_are_done(store, queue, done, due):
+def test_stages_are_due_when_those_before_them_are_done_the_longest_first(store, queue, done, due):
     mesh_id = accept(store)
     for stage in done:
         record(store, mesh_id, stage)
     queue.advance(mesh_id)
-    assert sorted(waiting(queue)) == sorted(due)
+    assert waiting(queue) == due
 
 
 def test_skipped_stages_count_as_done(store, queue):
@@ -121,7 +121,7 @@ def test_a_failed_stage_fails_the_mesh_and_drops_its_other_jobs(store, queue):
     mesh_id = accept(store)
     record(store, mesh_id, "load")
     queue.advance(mesh_id)
-    assert waiting(queue) == ["hull", "tree", "inner"]
+    assert waiting(queue) == ["hull", "inner", "tree"]
     problem = Problem(title="The mesh cannot be used", status=422, detail="It has no faces.", code="no-faces")
     record(store, mesh_id, "hull", "failed", error=problem)
     queue.advance(mesh_id)

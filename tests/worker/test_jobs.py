@@ -285,6 +285,18 @@ def test_an_artifact_that_fails_verification_takes_clipping_from_the_mesh(queue)
     assert manifest.capabilities["inner"].available
 
 
+@pytest.mark.parametrize("name", ["faces", "edge_faces", "normals"])
+def test_a_mesh_that_fails_verification_itself_fails(queue, name):
+    mesh_id = accept(queue.store, ply(bumpy_sphere(4)), name="a.ply", hull_faces=200, texels=64)
+    for stage in UNCHECKED:
+        run_and_record(queue, mesh_id, stage)
+    mesh = open_artifact(queue.store.local_path(keys.artifact(mesh_id, artifacts.MESH.file)), artifacts.MESH)
+    far_off = {**mesh, name: np.asarray(mesh[name]) + np.asarray(mesh[name]).dtype.type(10**9)}
+    stage_jobs.publish(queue.store, mesh_id, "load", Result(artifacts=[(artifacts.MESH, far_off)]))
+    record = run_and_record(queue, mesh_id, "verify")
+    assert record.outcome == "failed" and "the mesh is wrong" in record.error.detail
+
+
 def pulled_in(level):
     positions = np.array(level["positions"])
     positions[np.argmax(np.linalg.norm(positions, axis=1))] *= np.float32(0.9)

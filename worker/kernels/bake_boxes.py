@@ -25,7 +25,7 @@ def _spread(x):
     return (x | (x << 2)) & np.uint32(0x09249249)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _morton_codes(positions, faces):
     low = np.full(3, np.inf)
     high = np.full(3, -np.inf)
@@ -50,7 +50,7 @@ def _morton_codes(positions, faces):
     return codes
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _boxes(positions, faces, order):
     leaves = 1
     while leaves * LEAF < faces.shape[0]:
@@ -172,7 +172,7 @@ def closest_face(positions, faces, order, boxes, x, y, z, known, stack, near):
     return best, face, best_s, best_t
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def closest_points(positions, faces, order, boxes, points):
     """(face (n,) i4, weights (n, 3) f8, squared distance (n,) f8) of the triangle point closest to each of points (n, 3) f8."""
     count = points.shape[0]

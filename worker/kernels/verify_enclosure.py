@@ -96,7 +96,7 @@ def winding_number(positions, faces, order, boxes, point, stack, above):
                 winding += covering
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def winding_numbers(positions, faces, order, boxes, points):
     """(winding number (n,) i4, on (n,) bool) of points (n, 3) f8; on: exactly in a face that is not seen edge-on along z.
 
@@ -111,7 +111,7 @@ def winding_numbers(positions, faces, order, boxes, points):
     return winding, on
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def plane_sides(positions, faces, face, points):
     """(n,) i4: exact side of points (n, 3) f8 of the planes of faces[face], face (n,) i4: 1 outside, 0 on, -1 inside."""
     sides = np.empty(points.shape[0], np.int32)
@@ -164,7 +164,7 @@ def _crossings_of(n, p, q, positions, faces, order, boxes, pairs, count, stack, 
                 count += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def crossings(positions, faces, order, boxes, starts, ends, pairs):
     """Number of crossings of segments from starts to ends (n, 3) f4 with the mesh; (segment, face) of the first into pairs (m, 2) i4."""
     count = 0
@@ -243,7 +243,7 @@ def _contacts_of(
                     touched[f], other_touched[g] = True, True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def contacts(positions, faces, order, boxes, other_positions, other_faces, other_order, other_boxes, touched, other_touched):
     """Mark every face of either of two meshes that may meet the other: touched (f,) bool, other_touched (g,) bool.
 
@@ -257,7 +257,7 @@ def contacts(positions, faces, order, boxes, other_positions, other_faces, other
         _contacts_of(start, boxes[first + start // LEAF], positions, faces, order, *other, touched, other_touched, stack)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def without_area(positions, faces):
     """(f,) bool: exactly no area. Along each axis the orientation of the face and a direction is the sign of an area."""
     flat = np.empty(faces.shape[0], np.bool_)

@@ -8,7 +8,7 @@ from numba import njit
 from worker.kernels.bake_tiles import texel_at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def texel_faults(normal, face_normals, side, columns, tolerance):
     """(texels whose normal's length is not 1 within tolerance, texels facing away from their face, the first of the former's face).
 

@@ -16,7 +16,7 @@ NORMAL_DOUBT = 1e-8  # relative error of a face's normal beyond which its cones 
 EXACTNESS = 1e-12  # rounding of the judgement itself
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def unsound_node(surface, cones, skip, edge_start, edge_index):
     """First node with a cone that leaves the front (or back) half-space of a face under it; -1 where all are sound.
 
@@ -68,7 +68,7 @@ def unsound_node(surface, cones, skip, edge_start, edge_index):
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def reached_edges(cones, skip, edge_start, edge_index, eye, reached):
     """Mark in reached (e,) bool the edges of the nodes that a walk for eye (4,) f8 does not cull; cones as in `unsound_node`."""
     scaled_normal, front_anchor, back_anchor, separation = cones
@@ -92,7 +92,7 @@ def reached_edges(cones, skip, edge_start, edge_index, eye, reached):
         node += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def unnested_node(skip):
     """First node of a preorder whose subtree is empty, ends behind the last node, or runs over its parent's end; -1: none."""
     ends = np.empty(skip.shape[0] + 1, np.int64)
