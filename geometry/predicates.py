@@ -75,6 +75,19 @@ def _filtered_sign(ax, ay, az, bx, by, bz, cx, cy, cz, x, y, z, w):
 
 
 @njit(cache=True)
+def _same(a, x, y, z):
+    return a[0] == x and a[1] == y and a[2] == z
+
+
+@njit(cache=True)
+def _flat(a, b, c, x, y, z, w):
+    """Whether two of the points are the same, so that the determinant is zero: where meshes touch, most that float64 cannot tell."""
+    if w == 1.0 and (_same(a, x, y, z) or _same(b, x, y, z) or _same(c, x, y, z)):
+        return True
+    return _same(a, b[0], b[1], b[2]) or _same(b, c[0], c[1], c[2]) or _same(c, a[0], a[1], a[2])
+
+
+@njit(cache=True)
 def orient_sign(a, b, c, x, y, z, w):
     """Exact sign of det[b - a, c - a, (x, y, z) - w a]: 1 when the point is outside the plane of the triangle.
 
@@ -86,7 +99,9 @@ def orient_sign(a, b, c, x, y, z, w):
         np.float64(c[0]), np.float64(c[1]), np.float64(c[2]),
         x, y, z, w,
     )  # fmt: skip
-    return sure if sure != 2 else _exact_orient(a, b, c, x, y, z, w)
+    if sure != 2:
+        return sure
+    return 0 if _flat(a, b, c, x, y, z, w) else _exact_orient(a, b, c, x, y, z, w)
 
 
 @njit(cache=True)

@@ -39,6 +39,14 @@ def test_orientation_holds_for_far_eyes_over_a_plane(scale):
         assert orient_sign(a, b, c, *eye) == oracles.orientation(a, b, c, eye) == int(z > height) - int(z < height)
 
 
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3)])
+def test_orientation_of_points_two_of_which_are_the_same_is_zero(pair):
+    points = np.random.default_rng(5).normal(size=(4, 3)).astype(np.float32)
+    points[pair[1]] = points[pair[0]]
+    a, b, c, p = points
+    assert orient_sign(a, b, c, *p.astype(np.float64), 1.0) == oracles.orientation(a, b, c, (*p.astype(np.float64), 1.0)) == 0
+
+
 def test_a_face_without_area_is_front_facing_for_every_eye():
     positions = np.array([[0, 0, 0], [0.1, 0.2, 0.3], [0.2, 0.4, 0.6]], np.float32)
     positions[2] = positions[1] * 2
