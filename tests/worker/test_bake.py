@@ -486,3 +486,26 @@ def test_chunks_change_nothing(ball, monkeypatch):
     whole = bake(hull, mesh)
     monkeypatch.setattr("worker.bake.RAYS_AT_ONCE", 1)
     assert np.array_equal(bake(hull, mesh).normal, whole.normal)
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 64, 333])
+def test_boxes_hold_every_triangle_once_and_halves_lie_beside_each_other(count):
+    rng = np.random.default_rng(count)
+    positions = rng.normal(size=(3 * count, 3)).astype(np.float32)
+    faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    order, boxes = bake_boxes.build_boxes(positions, faces)
+    assert sorted(order) == list(range(count))
+    leaves, centres = len(boxes) // 2, positions[faces].astype(np.float64).mean(axis=1)
+    for node in range(1, 2 * leaves):
+        depth = node.bit_length() - 1
+        size = bake_boxes.LEAF * leaves >> depth
+        start = (node - (1 << depth)) * size
+        inside, half = order[start : start + size], order[start : start + size // 2]
+        if not len(inside):
+            continue
+        corners = positions[faces[inside]].reshape(-1, 3)
+        assert np.array_equal(boxes[node], [*corners.min(axis=0), *corners.max(axis=0)])
+        others = order[start + size // 2 : start + size]
+        if node < leaves and len(others):
+            axis = np.argmax(np.ptp(centres[inside], axis=0))
+            assert centres[half, axis].max() <= centres[others, axis].min()
