@@ -17,6 +17,7 @@ from worker.kernels.level_distance import CUTS_LEFT, HIGH, LOW
 RUNGS = ((0.5, 1e-2), (0.1, 1e-3), (0.03, 1e-4))
 """(gap, floor): a bound may be above the distance by this part of it, or by so many normalised units where that is more. Roughly
 first, which is cheap, and stands where the next takes too long: on flat parts of an original, cut along all of their inner edges.
+A later one searches those faces only whose bounds are not yet as it wants them.
 The floor of the last is a fifth of a pixel in an image of 4000."""
 ROUGHLY = RUNGS[:2]
 """For what is only told, and decides nothing."""
@@ -49,7 +50,7 @@ class DistanceTo:
         progress is called with a fraction 0 ... 1 several times a second; what it raises passes through.
         """
         state = np.zeros(3)
-        closest = np.empty(len(positions), np.int32)
+        closest, bounds = np.empty(len(positions), np.int32), np.full(len(faces), np.inf)
         for begin in range(0, len(positions), _POINTS_A_CHUNK):
             end = min(begin + _POINTS_A_CHUNK, len(positions))
             level_distance.nearest_faces(*self._mesh, positions, begin, end, closest, state)
@@ -57,7 +58,7 @@ class DistanceTo:
         bound = np.inf
         for k, rung in enumerate(rungs):
             start, share = 0.2 + 0.8 * k / len(rungs), 0.8 / len(rungs)
-            for done in self._search(rung, positions, faces, closest, state):
+            for done in self._search(rung, (positions, faces, closest, bounds), state):
                 progress(start + share * done)
             bound = min(bound, float(np.sqrt(state[HIGH])))
             if state[CUTS_LEFT] <= 0:
@@ -65,10 +66,11 @@ class DistanceTo:
         progress(1.0)
         return Distance(float(np.sqrt(state[LOW])), bound * (1.0 + ROUNDING) + ROUNDING)
 
-    def _search(self, rung: tuple[float, float], positions: F4, faces: I4, closest: I4, state: F8) -> Iterator[float]:
-        """Bound all faces into state[HIGH], saying how much is done."""
+    def _search(self, rung: tuple[float, float], surface: tuple[F4, I4, I4, F8], state: F8) -> Iterator[float]:
+        """Bound all faces of a surface (positions, faces, closest, bounds) into state[HIGH], saying how much is done."""
+        faces = surface[1]
         state[HIGH], state[CUTS_LEFT] = state[LOW], CUTS + CUTS_A_FACE * (len(faces) + len(self._mesh[1]))
         for begin in range(0, len(faces), _FACES_A_CHUNK):
             end = min(begin + _FACES_A_CHUNK, len(faces))
-            level_distance.bound_faces(*self._mesh, positions, faces, closest, begin, end, *rung, state)
+            level_distance.bound_faces(*self._mesh, *surface, begin, end, *rung, state)
             yield end / len(faces)

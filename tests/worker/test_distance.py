@@ -177,3 +177,19 @@ def test_closest_faces_are_those_of_a_look_at_all_faces():
     found = [brute_distances(points[n : n + 1].astype(np.float64), positions, faces[face][None])[0] for n, face in enumerate(closest)]
     assert np.allclose(found, nearest, atol=1e-12)
     assert np.sqrt(state[level_distance.LOW]) == pytest.approx(nearest.max(), abs=1e-12)
+
+
+def test_a_later_rung_searches_only_the_faces_whose_bounds_it_needs_lower():
+    (positions, faces), (points, triangles) = (part[:2] for part in (normalised(sphere(3)), normalised(bumpy_sphere(3))))
+    order, boxes = bake_boxes.build_boxes(positions, faces)
+    mesh, state, bounds = (positions, faces, order, boxes), np.zeros(3), np.full(len(triangles), np.inf)
+    closest = np.empty(len(points), np.int32)
+    level_distance.nearest_faces(*mesh, points, 0, len(points), closest, state)
+    for factor in (2.0, 1.0):
+        state[level_distance.HIGH], state[level_distance.CUTS_LEFT] = 0.0, 10_000
+        level_distance.bound_faces(*mesh, points, triangles, closest, bounds, 0, len(triangles), 0.1 * factor, 0.0, state)
+        assert state[level_distance.HIGH] == bounds.max() <= (1.0 + 0.1 * factor) ** 2 * state[level_distance.LOW]
+    state[level_distance.HIGH], state[level_distance.CUTS_LEFT], known = 0.0, 10_000, bounds.copy()
+    level_distance.bound_faces(*mesh, points, triangles, closest, bounds, 0, len(triangles), 0.1, 0.0, state)
+    assert state[level_distance.CUTS_LEFT] == 10_000 and np.array_equal(bounds, known)
+    assert state[level_distance.HIGH] == known.max()

@@ -64,11 +64,12 @@ def _longest_side(piece):
 
 
 @njit(cache=True, nogil=True)
-def bound_faces(positions, faces, order, boxes, points, triangles, closest, begin, end, gap, floor, state):
-    """Bound the distance of triangles[begin:end] (m, 3) i4 of points (n, 3) f4; raises state[HIGH] and state[LOW].
+def bound_faces(positions, faces, order, boxes, points, triangles, closest, bounds, begin, end, gap, floor, state):
+    """Bound the distance of triangles[begin:end] (m, 3) i4 of points (n, 3) f4; raises state[HIGH] and state[LOW], lowers bounds.
 
-    closest: of `nearest_faces`, for all points. gap, floor: a piece is done when its bound is below (1 + gap) times the
-    largest distance seen, or below floor; or when state[CUTS_LEFT] or MOST_DEPTH is used up.
+    closest: of `nearest_faces`, for all points. bounds (m,) f8: squared bound of each triangle, as far as it is known. gap, floor:
+    a piece is done when its bound is below (1 + gap) times the largest distance seen, or below floor; or when state[CUTS_LEFT] or
+    MOST_DEPTH is used up. A triangle whose known bound is low enough is not searched again.
     """
     stack, near = np.empty(STACK, np.int64), np.empty(STACK)
     pieces = np.empty((MOST_DEPTH + 2, 9))
@@ -76,12 +77,15 @@ def bound_faces(positions, faces, order, boxes, points, triangles, closest, begi
     depths = np.empty(MOST_DEPTH + 2, np.int64)
     factor = (1.0 + gap) ** 2
     for f in range(begin, end):
+        if bounds[f] <= max(factor * state[LOW], floor * floor):
+            state[HIGH] = max(state[HIGH], bounds[f])
+            continue
         for k in range(3):
             v = triangles[f, k]
             owners[0, k] = closest[v]
             for axis in range(3):
                 pieces[0, 3 * k + axis] = points[v, axis]
-        depths[0], top = 0, 1
+        depths[0], top, furthest = 0, 1, 0.0
         while top > 0:
             row = top - 1
             piece, owner = pieces[row], owners[row]
@@ -108,5 +112,7 @@ def bound_faces(positions, faces, order, boxes, points, triangles, closest, begi
                     pieces[top, 3 * k], pieces[top, 3 * k + 1], pieces[top, 3 * k + 2], owners[top, k] = x, y, z, face
                     top += 1
                     continue
-            state[HIGH] = max(state[HIGH], bound)
+            furthest = max(furthest, bound)
             top -= 1
+        bounds[f] = min(bounds[f], furthest)
+        state[HIGH] = max(state[HIGH], bounds[f])
