@@ -147,6 +147,14 @@ def _crosses(p, q, a, b, c):
 
 
 @borrowing
+def _box_meets_triangle_box(box, a, b, c):
+    """Whether a box (6,) has a point in common with the box about a triangle; exact where all are float32."""
+    apart = max(a[0], b[0], c[0]) < box[0] or min(a[0], b[0], c[0]) > box[3] or max(a[1], b[1], c[1]) < box[1]
+    apart = apart or min(a[1], b[1], c[1]) > box[4] or max(a[2], b[2], c[2]) < box[2]
+    return not (apart or min(a[2], b[2], c[2]) > box[5])
+
+
+@borrowing
 def _crossings_of(n, p, q, positions, faces, order, boxes, pairs, count, stack, about):
     """count and the crossings of segment n, from p to q; stack (STACK,) i8, about (6,) f8: scratch."""
     for k in range(3):
@@ -158,7 +166,8 @@ def _crossings_of(n, p, q, positions, faces, order, boxes, pairs, count, stack, 
             return count
         for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
             f = order[i]
-            if _crosses(p, q, positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]):
+            a, b, c = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
+            if _box_meets_triangle_box(about, a, b, c) and _crosses(p, q, a, b, c):
                 if count < pairs.shape[0]:
                     pairs[count, 0], pairs[count, 1] = n, f
                 count += 1
@@ -232,7 +241,7 @@ def _contacts_of(
         for j in range(leaf * LEAF, min(leaf * LEAF + LEAF, other_faces.shape[0])):
             g = other_order[j]
             a, b, c = other_positions[other_faces[g, 0]], other_positions[other_faces[g, 1]], other_positions[other_faces[g, 2]]
-            if _box_beside_plane(box, a, b, c):
+            if not _box_meets_triangle_box(box, a, b, c) or _box_beside_plane(box, a, b, c):
                 continue
             for i in range(start, min(start + LEAF, faces.shape[0])):
                 f = order[i]
