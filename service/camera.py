@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +56,13 @@ class View:
     pixel_scale: float
     mirrored: bool = False
     normal_matrix: F8 | None = None
+
+    @cached_property
+    def pixels(self) -> F8:
+        """(4, 4) f8: homogeneous pixels u, v (down), depth and w from the normalised frame; u / w to the right."""
+        x, y, z, w = self.matrix.tolist()
+        across, down = 0.5 * self.width, 0.5 * self.height
+        return np.array([[(a + b) * across for a, b in zip(x, w, strict=True)], [(b - a) * down for a, b in zip(y, w, strict=True)], z, w])
 
     @property
     def orthographic(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from functools import lru_cache
 from typing import Any
@@ -14,12 +15,11 @@ from schemas.render import ShadingMode
 from service.kernels import hull_rim, hull_shading
 from service.kernels.compositing import srgb_of
 from service.kernels.coverage import by_band
-from service.kernels.coverage_rows import columns_of
 from service.kernels.hull_bands import PASSES, draw_bands
 from service.kernels.hull_visible import PLANES, SLACK
 from service.render.hull_cache import PlacedHull
 from service.render.passes.light import light_of
-from service.render.state import LINEAR_TABLE, Color, FrameState, Tile, as_words, parse_color, word_of
+from service.render.state import COLORS_KEPT, LINEAR_TABLE, Color, FrameState, Tile, as_words, parse_color, word_of
 from service.scratch import ThreadScratch
 from service.silhouette.coverage import MOST_PIECES, cover_scratch
 from service.threads import cores, side_by_side
@@ -28,7 +28,6 @@ BANDS_A_CORE = 4
 """More balance the work better, and each costs some setting up."""
 LEAST_PIXELS, MOST_PIXELS = 1 << 12, 1 << 18
 """Of a band: with fewer it takes less time than setting it up, more do not stay in a core's cache."""
-COLORS_KEPT = 64
 BARE = -1
 """Shown in place of a surface: one colour where the mask is."""
 ENCODED = srgb_of(np.linspace(0.0, 1.0, hull_shading.LEVELS))
@@ -61,11 +60,11 @@ def draw_in_bands(frame: FrameState) -> dict[str, float]:
         taken, corners, rows, covering, (segments, starts, chosen), MOST_PIECES, hull, rim, half, frame.mask, as_words(frame.image), maps,
         shading, (frame.background is not None, LINEAR_TABLE), word_of(parse_color(frame.request.shading.color)),
     )  # fmt: skip
-    planes = (len(hull[1]) + len(rim[0]), PLANES)
+    sizes = (rows * (area.width + SLACK), area.width, len(hull[1]) + len(rim[0]))
 
     def draw() -> npt.NDArray[np.int64]:
         spent = np.zeros(len(PASSES), np.int64)
-        draw_bands(*given, _band_scratch(rows, area.width, planes), spent)
+        draw_bands(*given, _band_scratch.of(*sizes), spent)
         return spent
 
     spent = np.sum(side_by_side(draw, min(cores(), count)), axis=0)
@@ -81,16 +80,30 @@ def rows_of(area: Tile) -> int:
     return max(1, min(max(wanted, LEAST_PIXELS // area.width), MOST_PIXELS // area.width, area.height))
 
 
-def _band_scratch(rows: int, width: int, planes: tuple[int, int]) -> tuple[Any, ...]:
-    """The scratch of `draw_bands`, the calling thread's own."""
-    lines = (
-        _scratch.array("floats", (3, width), np.float32), _scratch.array("near", (4, width), np.uint32),
-        _scratch.array("at", (width,), np.int32), _scratch.array("colors", (width,), np.uint32),
-    )  # fmt: skip
-    words = _scratch.array("words", (rows * (width + SLACK),), np.int64)
-    return cover_scratch(rows * columns_of(width)), lines, words, _scratch.array("planes", planes, np.float64)
+class _BandScratch(threading.local):
+    """The scratch of `draw_bands`, each thread's own; the same again while it is large enough."""
+
+    def __init__(self) -> None:
+        self._sizes = (0, 0, 0)
+        self._made: tuple[Any, ...] = ()
+
+    def of(self, pixels: int, width: int, planes: int) -> tuple[Any, ...]:
+        """For bands of so many pixels, SLACK a row included, so many pixels a row, and so many faces and edges."""
+        if any(asked > kept for asked, kept in zip((pixels, width, planes), self._sizes, strict=True)):
+            self._sizes = (max(pixels, self._sizes[0]), max(width, self._sizes[1]), max(planes, self._sizes[2]))
+            self._made = self._make(*self._sizes)
+        return self._made
+
+    def _make(self, pixels: int, width: int, planes: int) -> tuple[Any, ...]:
+        lines = (
+            _scratch.array("floats", (3, width), np.float32), _scratch.array("near", (4, width), np.uint32),
+            _scratch.array("at", (width,), np.int32), _scratch.array("colors", (width,), np.uint32),
+        )  # fmt: skip
+        words = _scratch.array("words", (pixels,), np.int64)
+        return cover_scratch(pixels // SLACK * SLACK), lines, words, _scratch.array("planes", (planes, PLANES), np.float64)
 
 
+_band_scratch = _BandScratch()
 _NO_SEGMENTS = np.empty((0, 4))
 _NO_HULL = (
     np.empty((0, 4)),

@@ -163,7 +163,8 @@ def _why_not_clipped(asset: MeshAsset, eye: F8) -> str | None:
 
 def _is_outside_convex_hull(asset: MeshAsset, eye: F8) -> bool:
     """Whether the eye is certainly outside the convex hull of the mesh's hull."""
-    if eye[3] == 0.0 or float(np.linalg.norm(eye[:3])) > asset.radius * (1.0 + CERTAIN):
+    x, y, z, w = eye.tolist()
+    if w == 0.0 or math.hypot(x, y, z) > asset.radius * (1.0 + CERTAIN):
         return True
     planes = asset.convex_planes
     return bool(np.any(planes[:, :3] @ eye[:3] + planes[:, 3] > CERTAIN))

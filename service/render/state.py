@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import moderngl
 import numpy as np
@@ -31,9 +32,11 @@ LEAST_STREAM = 1 << 14
 """Bytes of the smallest buffer for passing vertices."""
 BORDER = 2
 """Pixels about the bounds of a surface that are drawn too: rim and outline reach one pixel beyond it."""
+COLORS_KEPT = 64
 Color = tuple[int, int, int]
 
 
+@lru_cache(COLORS_KEPT)
 def parse_color(text: str) -> Color:
     """sRGB bytes of "#rrggbb"."""
     return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
@@ -44,6 +47,7 @@ def as_words(pixels: U1) -> Array:
     return pixels.view("<u4")[:, :, 0]
 
 
+@lru_cache(COLORS_KEPT)
 def word_of(color: Color) -> np.uint32:
     """The word of an opaque pixel."""
     return np.array([*color, 255], np.uint8).view("<u4")[0]

@@ -105,5 +105,4 @@ def surrounding_layers(view: View, positions: F4, faces: I4, segments: F8) -> in
 
 def pixel_matrix(view: View) -> F8:
     """(3, 4) f8: homogeneous pixels (u, v, w) from the normalised frame; u / w to the right, v / w down."""
-    m = view.matrix
-    return np.stack([(m[0] + m[3]) * (0.5 * view.width), (m[3] - m[1]) * (0.5 * view.height), m[3]])
+    return view.pixels[[0, 1, 3]]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.conventions import F8
 from service.kernels.hull_bands import place_hull as place
 from service.render.hull_cache import PlacedHull
 from service.render.state import FrameState
@@ -23,11 +22,5 @@ def place_hull(frame: FrameState) -> None:
     ends, places = scratch.array("ends", (edges, 4), np.float64), scratch.array("places", (edges, 4), np.float64)
     sense, top = -1.0 if view.mirrored else 1.0, frame.area.y
     surface = (s.positions, s.faces, s.uv, s.edge_vertices, s.edge_faces)
-    shown, around = place(_pixels_from_object(frame), surface, sense, top, top + frame.area.height, points, front, seen, rows, ends, places)
+    shown, around = place(view.pixels, surface, sense, top, top + frame.area.height, points, front, seen, rows, ends, places)
     frame.placed = PlacedHull(s, points, sense, seen[:shown], rows[:shown], ends[:around], places[:around])
-
-
-def _pixels_from_object(frame: FrameState) -> F8:
-    """(4, 4) f8: homogeneous pixels u, v (down), depth and w from the normalised frame."""
-    m, view = frame.view.matrix, frame.view
-    return np.stack([(m[0] + m[3]) * (0.5 * view.width), (m[3] - m[1]) * (0.5 * view.height), m[2], m[3]])
