@@ -10,9 +10,11 @@ import numpy as np
 from numba import njit
 
 from geometry.borrowing import borrowing
+from service.kernels.intrinsics import fetch_ahead
 
 EYE_PLANE = 1e-10  # w of the plane that stands in for w = 0, normalised units; float32 positions resolve 6e-8
 FAR_PIXELS = 1e6  # a segment that stays within this many pixels of the image needs no clipping to keep its digits
+AHEAD = np.uint64(24)  # edges; where the mesh's vertices are in memory nobody can guess, and the caches have others by the next frame
 ARC_STEP = np.pi / 3.0  # closing paths bend in steps of 60 degrees, so that no chord comes near the axis
 
 
@@ -94,6 +96,9 @@ def count_crossings(m, positions, edges):
 def _in_front(m, positions, edges, first, last, width, height, out):
     n, beyond = first, 0
     for e in range(np.uint64(first), np.uint64(last)):
+        ahead = min(e + AHEAD, np.uint64(last - 1))
+        fetch_ahead(positions, np.int64(edges[ahead, 0]))
+        fetch_ahead(positions, np.int64(edges[ahead, 1]))
         i, j = np.uint64(edges[e, 0]), np.uint64(edges[e, 1])
         x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
         wa = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]

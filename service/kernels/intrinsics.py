@@ -31,3 +31,21 @@ def take(typingctx, counter):
         return builder.atomic_rmw("add", array.data, ir.Constant(ir.IntType(64), 1), "monotonic")
 
     return types.int64(counter), generate
+
+
+@intrinsic
+def fetch_ahead(typingctx, array, row):
+    """Ask for the cache line where a row of a C-contiguous array (n, k) begins; it may lie outside the array: nothing is read."""
+
+    def generate(context, builder, signature, arguments):
+        found = context.make_array(signature.args[0])(context, builder, arguments[0])
+        stride = cgutils.unpack_tuple(builder, found.strides, 2)[0]
+        data = builder.bitcast(found.data, ir.IntType(8).as_pointer())
+        place = builder.gep(data, [builder.mul(arguments[1], stride)])
+        word = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(8).as_pointer(), word, word, word])
+        ask = builder.module.declare_intrinsic("llvm.prefetch", [ir.IntType(8).as_pointer()], kind)
+        builder.call(ask, [place, ir.Constant(word, 0), ir.Constant(word, 3), ir.Constant(word, 1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64), generate
