@@ -34,17 +34,15 @@ def take(typingctx, counter):
 
 
 @intrinsic
-def fetch_ahead(typingctx, array, row):
-    """Ask for the cache line where a row of a C-contiguous array (n, k) begins; it may lie outside the array: nothing is read."""
+def fetch_ahead(typingctx, array, at):
+    """Ask for the cache line where array[at] of a C-contiguous array begins; it may lie outside the array: nothing is read. at: i8."""
 
     def generate(context, builder, signature, arguments):
-        found = context.make_array(signature.args[0])(context, builder, arguments[0])
-        stride = cgutils.unpack_tuple(builder, found.strides, 2)[0]
-        data = builder.bitcast(found.data, ir.IntType(8).as_pointer())
-        place = builder.gep(data, [builder.mul(arguments[1], stride)])
-        word = ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(8).as_pointer(), word, word, word])
-        ask = builder.module.declare_intrinsic("llvm.prefetch", [ir.IntType(8).as_pointer()], kind)
+        kind, byte, word = signature.args[0], ir.IntType(8).as_pointer(), ir.IntType(32)
+        found = context.make_array(kind)(context, builder, arguments[0])
+        stride = cgutils.unpack_tuple(builder, found.strides, kind.ndim)[0]
+        place = builder.gep(builder.bitcast(found.data, byte), [builder.mul(arguments[1], stride)])
+        ask = builder.module.declare_intrinsic("llvm.prefetch", [byte], ir.FunctionType(ir.VoidType(), [byte, word, word, word]))
         builder.call(ask, [place, ir.Constant(word, 0), ir.Constant(word, 3), ir.Constant(word, 1)])
         return context.get_dummy_value()
 
