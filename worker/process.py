@@ -60,6 +60,12 @@ class StageWorker(Worker):
         super().run_maintenance_tasks()
         self._jobs.reconcile_in_turn(self._settings.reconcile_interval_s)
 
+    def maintain_heartbeats(self, job: Job, execution: Execution) -> None:
+        """RQ's own, which makes the record of an execution again, for some seconds, when its job has just ended."""
+        super().maintain_heartbeats(job, execution)
+        if self.connection.zscore(job.started_job_registry.key, execution.composite_key) is None:
+            self.connection.delete(execution.key)
+
     def main_work_horse(self, job: Job, queue: Queue) -> None:
         """The forked child, which dies with its worker: else a job that is started again would run twice at once."""
         die_with_parent()
