@@ -75,9 +75,6 @@ class _Lanes:
     def equals(self, other):
         return self._compared("==", other)
 
-    def differs(self, other):
-        return self._compared("!=", other)
-
     def __and__(self, other):
         return self._made(self.builder.and_(self.value, other.value))
 

@@ -18,7 +18,8 @@ from numba import njit
 from numba.cpython.unsafe.numbers import trailing_zeros
 
 from geometry.predicates import is_front_facing
-from service.kernels.tree_walk_lanes import BIT_COUNT, SET_BITS, append_lanes, missed_cones, prefetch
+from service.kernels.intrinsics import fetch_ahead
+from service.kernels.tree_walk_lanes import BIT_COUNT, SET_BITS, append_lanes, missed_cones
 from service.kernels.tree_walk_leaf import SIXTEEN, WIDE, bits_at, byte_at, face_sides, first_pairs, leaf_eye, look_up, ones
 
 CONE_ERROR = 2.0**-19
@@ -132,7 +133,7 @@ def visit_leaves(arena, leaves, positions, faces, eye, eyes, out):
     for i in range(leaves.shape[0]):
         coming = LINE * np.intp(arena[leaves[min(i + _AHEAD, last)]])
         for k in range(_LINES):
-            prefetch(arena, coming + LINE * k)
+            fetch_ahead(arena, coming + LINE * k)
         at = LINE * np.intp(arena[leaves[i]])
         more = True
         while more:

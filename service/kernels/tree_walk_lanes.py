@@ -111,19 +111,3 @@ def append_lanes(typingctx, out, at, set_bits, mask, base):
         return context.get_dummy_value()
 
     return signature, codegen
-
-
-@intrinsic
-def prefetch(typingctx, arena, at):
-    """Ask for the cache line of word `at`, which may lie outside the array: nothing is read."""
-    signature = types.void(_INTS, types.intp)
-
-    def codegen(context, builder, sig, args):
-        array = context.make_array(sig.args[0])(context, builder, args[0])
-        place = builder.bitcast(builder.gep(array.data, [args[1]]), ir.IntType(8).as_pointer())
-        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(8).as_pointer(), _WORD, _WORD, _WORD])
-        ask = builder.module.declare_intrinsic("llvm.prefetch", [ir.IntType(8).as_pointer()], kind)
-        builder.call(ask, [place, ir.Constant(_WORD, 0), ir.Constant(_WORD, 3), ir.Constant(_WORD, 1)])
-        return context.get_dummy_value()
-
-    return signature, codegen
