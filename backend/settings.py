@@ -34,6 +34,7 @@ class BackendSettings(BaseSettings):
     store_url: str | None = Field(None, description="object store; none: local disk under data_dir; file:///path: local disk there")
     log_level: str = Field("INFO", pattern=r"^(DEBUG|INFO|WARNING|ERROR)$", description="least level of log lines")
 
+    measure: bool = Field(True, description="once a mesh is ready, make hulls of other sizes and measure what accuracy costs")
     stage_timeout_s: int = Field(3600, ge=10, description="longest one preprocessing stage may run")
     stage_attempts: int = Field(4, ge=1, description="times a stage is started before a mesh fails because its worker died or it broke")
     job_record_s: int = Field(3600, ge=60, description="how long the queue remembers a job that ended")

@@ -86,6 +86,10 @@ MAPS = Layout(
     optional=frozenset({"color"}),
 )
 
+OTHER_HULLS = tuple(Layout(f"hull_{k}.safetensors", HULL.tensors) for k in (1, 2))
+OTHER_MAPS = tuple(Layout(f"maps_{k}.safetensors", MAPS.tensors, MAPS.optional) for k in (1, 2))
+"""Hulls of other sizes than was asked for, with their maps: one of fewer faces, one of more; a mesh has both, the first, or none."""
+
 TREE = Layout(
     "tree.safetensors",
     {
@@ -124,7 +128,7 @@ HULL_GLB = "hull.glb"
 NORMAL_PNG = "normal.png"
 COLOR_PNG = "color.png"
 
-LAYOUTS = (MESH, APPEARANCE, HULL, HULL_SEQUENCE, INNER_SEQUENCE, MAPS, TREE, *LEVELS, *LEVEL_TREES)
+LAYOUTS = (MESH, APPEARANCE, HULL, HULL_SEQUENCE, INNER_SEQUENCE, MAPS, *OTHER_HULLS, *OTHER_MAPS, TREE, *LEVELS, *LEVEL_TREES)
 DOWNLOADS = {
     HULL_GLB: "model/gltf-binary",
     NORMAL_PNG: "image/png",

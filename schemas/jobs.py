@@ -9,6 +9,14 @@ WORKER_MODULE = "worker"
 """`python -m` name of the worker process."""
 
 QUEUE = "silhouette"
+LATER_QUEUE = "silhouette-later"
+"""Of the later stages: workers look there when nothing else is to be done."""
+
+MEASURE = "service.measure.measure_mesh"
+"""Callable `(store, mesh_id, progress, pause) -> dict | None`, for the stage `measure`: the one piece of work on the workers' side that
+draws. store: `backend.store.Store`; progress: takes a fraction, raises CancelledError; pause: whether others are waiting for the
+worker. Returns the report (`schemas.ladder.Ladder` as JSON), or None when it paused and is to be started again: what it had is kept
+under `keys.partial`."""
 
 STAGES: dict[str, tuple[str, ...]] = {
     "load": (),
@@ -21,3 +29,9 @@ STAGES: dict[str, tuple[str, ...]] = {
 }
 """Stage -> the stages that must be done (or skipped) before it; of those that are due, earlier ones are started first: the one that
 others wait for, then the longest, so that two workers end together. Publishing the manifest ends `verify`."""
+
+LATER_STAGES: dict[str, tuple[str, ...]] = {
+    "hulls": ("verify",),
+    "measure": ("hulls",),
+}
+"""Stages of a mesh that is ready already, for meshes and services that want them; the same form."""

@@ -37,6 +37,11 @@ def stage_record(mesh: str, stage: str) -> str:
     return f"{MESHES}{mesh}/stages/{stage}.json"
 
 
+def partial(mesh: str, stage: str) -> str:
+    """What an interrupted stage had done so far; gone when its record is written."""
+    return f"{MESHES}{mesh}/stages/{stage}.partial"
+
+
 def artifact(mesh: str, name: str) -> str:
     """An artifact file; names are in `schemas.artifacts`."""
     return f"{MESHES}{mesh}/{name}"

@@ -96,8 +96,9 @@ class Shading(_Request):
 
 
 class Antialias(StrEnum):
-    """Rungs of silhouette antialiasing; msaa and ssaa are for the original only."""
+    """Rungs of silhouette antialiasing; msaa and ssaa are for the original only. auto: coverage, or whatever keeps the asked accuracy."""
 
+    AUTO = "auto"
     NONE = "none"
     LINE = "line"
     COVERAGE = "coverage"
@@ -113,16 +114,26 @@ class Source(StrEnum):
     ORIGINAL = "original"
 
 
-MAX_ERROR = "pixels by which the outline may lie outside the mesh's, so that a coarser surface can stand for the mesh; exact if not given"
+MAX_ERROR = "pixels by which the outline may be off the mesh's, so that a coarser surface can stand for the mesh; exact if not given"
+BUDGET = "milliseconds that drawing may take; the most accurate picture that is predicted to fit is drawn"
 
 
 class Accuracy(_Request):
-    """How exact the picture must be."""
+    """How exact the picture must be, and what it may cost.
 
-    antialias: Antialias = Antialias.COVERAGE
+    With max_error_px the cheapest way that keeps the bound is taken, with budget_ms the most accurate one that fits; with both the
+    bound wins. What else is given narrows the choice. With neither, what is not given is as exact as it can be.
+    """
+
+    antialias: Antialias = Antialias.AUTO
     source: Source = Source.AUTO
     smooth: bool = Field(False, description="curve the outline by the surface's normals, for coarse meshes; only with coverage")
     max_error_px: FiniteFloat | None = Field(None, gt=0.0, description=MAX_ERROR)
+    budget_ms: FiniteFloat | None = Field(None, gt=0.0, description=BUDGET)
+    min_psnr_db: FiniteFloat | None = Field(None, gt=0.0, description="decibels that shading must reach where it was measured")
+    level: int | None = Field(None, ge=-1, description="number of the level that the outline is taken from, finest first; -1 is the mesh")
+    hull_faces: int | None = Field(None, ge=4, description="draw the mesh's hull whose number of faces is nearest to this")
+    texels: int | None = Field(None, ge=1, description="draw with maps of at most so many texels a side, or the smallest")
 
 
 class ImageFormat(StrEnum):

@@ -17,6 +17,7 @@ from geometry.topology import EdgeTable, build_edges
 from schemas import artifacts, keys
 from schemas.conventions import F4, F8, I4, Array, Frame
 from schemas.errors import NotReadyError
+from schemas.ladder import Ladder
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
 from service.silhouette.extract import SilhouetteTree
@@ -28,6 +29,44 @@ CLIP, LEVELS = "clip", "levels"
 
 
 @dataclass(frozen=True)
+class DrawnHull:
+    """A hull that can be drawn: tensors of HULL and of MAPS by name; without maps its own normals are drawn."""
+
+    hull: dict[str, Any]
+    maps: dict[str, Any]
+
+    @property
+    def faces(self) -> int:
+        """How many it has."""
+        return len(self.hull["faces"])
+
+    @property
+    def texels(self) -> int:
+        """Longest side of its maps."""
+        return max(self.maps["normal"].shape[:2]) if self.maps else 0
+
+    @cached_property
+    def edges(self) -> EdgeTable:
+        """Its edges."""
+        return build_edges(np.asarray(self.hull["faces"]))
+
+    @cached_property
+    def convex_planes(self) -> F8:
+        """(k, 4) f8 unit outward planes of its convex hull: n . p + d is at most 0 inside. No planes for a flat one."""
+        from scipy.spatial import ConvexHull, QhullError  # a third of a second that starting the service need not wait for
+
+        try:
+            return ConvexHull(self.hull["positions"].astype(np.float64)).equations
+        except QhullError:
+            return np.empty((0, 4))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        return sum(int(a.nbytes) for part in (self.hull, self.maps) for a in part.values())
+
+
+@dataclass(frozen=True)
 class MeshAsset:
     """A mesh that is ready, in its normalised frame. The dictionaries hold the tensors of `schemas.artifacts` by name.
 
@@ -35,7 +74,8 @@ class MeshAsset:
     edges: (edge_vertices, edge_faces) of a closed oriented mesh. hull: HULL, maps: MAPS, tree: its silhouette tree; all None
     when the mesh is not clippable. clip: whether it is, and why not.
     normal_vertices (n,) i4, corner_normals (f, 3) i4: as in MESH; None when vertex i has the one normal i.
-    levels: hulls that may stand for it in far views, finest first.
+    levels: hulls that may stand for it in far views, finest first. other_hulls: that can be drawn, of other sizes than was asked for.
+    ladder: what was measured of it, if anything.
     """
 
     id: str
@@ -52,6 +92,13 @@ class MeshAsset:
     normal_vertices: I4 | None = None
     corner_normals: I4 | None = None
     levels: tuple[SilhouetteLevel, ...] = ()
+    other_hulls: tuple[DrawnHull, ...] = ()
+    ladder: Ladder | None = None
+
+    @cached_property
+    def hulls(self) -> tuple[DrawnHull, ...]:
+        """All hulls that can be drawn, the one that was asked for first."""
+        return () if self.hull is None else (DrawnHull(self.hull, self.maps or {}), *self.other_hulls)
 
     @property
     def normal_positions(self) -> F4:
@@ -67,12 +114,6 @@ class MeshAsset:
     def clippable(self) -> bool:
         """Whether its silhouette can be extracted and a hull be clipped to it."""
         return self.clip.available and self.hull is not None and self.tree is not None
-
-    @cached_property
-    def hull_edges(self) -> EdgeTable:
-        """The hull's edges."""
-        assert self.hull is not None
-        return build_edges(np.asarray(self.hull["faces"]))
 
     @cached_property
     def smooth_surface(self) -> SmoothSurface:
@@ -108,17 +149,6 @@ class MeshAsset:
         return np.where(choice, high, low).astype(np.float64)
 
     @cached_property
-    def convex_planes(self) -> F8:
-        """(k, 4) f8 unit outward planes of the hull's convex hull: n . p + d is at most 0 inside. No planes for a flat one."""
-        from scipy.spatial import ConvexHull, QhullError  # a third of a second that starting the service need not wait for
-
-        assert self.hull is not None
-        try:
-            return ConvexHull(self.hull["positions"].astype(np.float64)).equations
-        except QhullError:
-            return np.empty((0, 4))
-
-    @cached_property
     def extreme_points(self) -> F8:
         """(k, 3) f8: vertices of the mesh's convex hull; the corners of its bounding box when it is flat."""
         from scipy.spatial import ConvexHull, QhullError
@@ -131,10 +161,9 @@ class MeshAsset:
 
     @cached_property
     def radius(self) -> float:
-        """Radius of a sphere about the origin that holds the mesh and its hull; at least 1."""
-        if self.hull is None:
-            return 1.0
-        return max(1.0, float(np.linalg.norm(self.hull["positions"].astype(np.float64), axis=1).max()))
+        """Radius of a sphere about the origin that holds the mesh and its hulls; at least 1."""
+        hulls = [part for part in (self.hull, *(one.hull for one in self.other_hulls)) if part is not None]
+        return max([1.0, *(float(np.linalg.norm(hull["positions"].astype(np.float64), axis=1).max()) for hull in hulls)])
 
     @property
     def nbytes(self) -> int:
@@ -143,7 +172,8 @@ class MeshAsset:
         given = (self.normal_vertices, self.corner_normals, *(self.edges or ()))
         arrays = [self.positions, self.faces, self.normals, *(a for group in groups for a in group.values())]
         arrays += [a for a in given if a is not None]
-        return sum(int(a.nbytes) for a in arrays) + sum(level.nbytes for level in self.levels)
+        parts = sum(level.nbytes for level in self.levels) + sum(hull.nbytes for hull in self.other_hulls)
+        return sum(int(a.nbytes) for a in arrays) + parts
 
 
 def load_asset(store: Store, manifest: Manifest) -> MeshAsset:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from schemas.conventions import U1
-from schemas.render import RenderRequest, Source
+from schemas.render import RenderRequest
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
 from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
@@ -159,8 +159,7 @@ def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
 
 def visible_area(asset: MeshAsset, plan: Plan, view: View) -> Tile:
     """The part of the image that can have anything of the mesh in it; empty (no width) when none can."""
-    clipped = plan.source is Source.CLIPPED and asset.hull is not None
-    points = asset.hull["positions"] if clipped and asset.hull is not None else asset.corners
+    points = asset.corners if plan.hull is None else asset.hulls[plan.hull].hull["positions"]
     kind, x0, y0, x1, y1 = screen_bounds(view.matrix, points, view.width, view.height, BORDER)
     whole = Tile(0, 0, view.width, view.height)
     if kind == SOME:

@@ -11,8 +11,8 @@ import moderngl
 import numpy as np
 
 from schemas.conventions import I4, Array
-from schemas.render import Source
-from service.assets import MeshAsset
+from service.assets import DrawnHull, MeshAsset
+from service.render.halved_maps import halved_maps
 from service.render.targets import SRGB8_ALPHA8
 
 Fields = list[tuple[str, str, int]]
@@ -63,12 +63,12 @@ def attributes(fields: Fields, prefix: str, used: set[str]) -> tuple[str, list[s
 
 
 class GpuCache:
-    """Surfaces by asset and source. A single surface larger than the limit is kept as long as it is the latest."""
+    """Surfaces by asset and hull. A single surface larger than the limit is kept as long as it is the latest."""
 
     def __init__(self, ctx: moderngl.Context, capacity_mib: int) -> None:
         self._ctx, self._capacity = ctx, capacity_mib << 20
         self._largest_texture = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
-        self._kept: OrderedDict[tuple[str, Source, bool], Surface] = OrderedDict()
+        self._kept: OrderedDict[tuple[str, int | None, int, bool], Surface] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -78,11 +78,14 @@ class GpuCache:
         """Bytes of all surfaces."""
         return sum(surface.nbytes for surface in self._kept.values())
 
-    def get(self, asset: MeshAsset, source: Source, *, colored: bool) -> Surface:
-        """The hull (clipped) or the mesh (original), with its own colours where it has them and they are wanted."""
-        key = (asset.id, source, colored and has_color(asset, source))
+    def get(self, asset: MeshAsset, number: int | None, *, colored: bool, halvings: int = 0) -> Surface:
+        """The hull of that number, with its maps halved so often, or the mesh (None); coloured where it has colours and they are wanted."""
+        hull = None if number is None else asset.hulls[number]
+        key = (asset.id, number, halvings, colored and has_color(asset, hull))
         if key not in self._kept:
-            self._kept[key] = self._upload(asset, source, colored=key[2])
+            if hull is not None and halvings:
+                hull = DrawnHull(hull.hull, halved_maps(hull.maps, halvings))
+            self._kept[key] = self._upload(asset, hull, colored=key[3])
         self._kept.move_to_end(key)
         while len(self._kept) > 1 and self.nbytes > self._capacity:
             self._kept.popitem(last=False)[1].release()
@@ -93,11 +96,12 @@ class GpuCache:
         while self._kept:
             self._kept.popitem()[1].release()
 
-    def _upload(self, asset: MeshAsset, source: Source, *, colored: bool) -> Surface:
-        images = surface_images(asset, source, colored=colored)
-        unindexed = needs_corners(source, colored=colored)
+    def _upload(self, asset: MeshAsset, hull: DrawnHull | None, *, colored: bool) -> Surface:
+        images = surface_images(asset, hull, colored=colored)
+        unindexed = hull is not None or colored  # neighbouring faces have different attributes at the same vertex
         if unindexed:
-            rows = corner_rows(asset, source, np.arange(3 * face_count(asset, source), dtype=np.int32), colored=colored)
+            count = len(asset.faces) if hull is None else hull.faces
+            rows = corner_rows(asset, hull, np.arange(3 * count, dtype=np.int32), colored=colored)
         else:
             rows = normal_rows(asset)
         names = set(rows.dtype.names or ())
@@ -106,14 +110,13 @@ class GpuCache:
             definitions.discard("NORMAL")
         indices = None if unindexed else np.ascontiguousarray(asset.shading_faces, "<i4")
         edge_ends = None
-        if source is Source.CLIPPED and asset.hull is not None:
-            table = asset.hull_edges
-            edge_ends = rows[edge_corners(asset.hull["faces"], table.vertices, table.faces[:, 0])]
+        if hull is not None:
+            edge_ends = rows[edge_corners(hull.hull["faces"], hull.edges.vertices, hull.edges.faces[:, 0])]
         return Surface(
             fields_of(rows.dtype),
             self._ctx.buffer(rows.tobytes()),
             None if indices is None else self._ctx.buffer(indices.tobytes()),
-            {name: self._texture(image, srgb=name == "color_map", repeat=source is Source.ORIGINAL) for name, image in images.items()},
+            {name: self._texture(image, srgb=name == "color_map", repeat=hull is None) for name, image in images.items()},
             frozenset(definitions),
             rows.nbytes + (0 if indices is None else indices.nbytes) + sum(4 * i.shape[0] * i.shape[1] for i in images.values()),
             edge_ends,
@@ -132,30 +135,19 @@ class GpuCache:
         return texture
 
 
-def has_color(asset: MeshAsset, source: Source) -> bool:
-    """Whether that surface has colours of its own."""
-    if source is Source.CLIPPED:
-        return asset.maps is not None and "color" in asset.maps
+def has_color(asset: MeshAsset, hull: DrawnHull | None) -> bool:
+    """Whether the hull, or the mesh where there is none, has colours of its own."""
+    if hull is not None:
+        return "color" in hull.maps
     appearance: Mapping[str, Array] = asset.appearance or {}
     return "corner_color" in appearance or {"corner_uv", "texture"} <= set(appearance)
 
 
-def needs_corners(source: Source, *, colored: bool) -> bool:
-    """Whether neighbouring faces have different attributes at the same vertex."""
-    return source is Source.CLIPPED or colored
-
-
-def face_count(asset: MeshAsset, source: Source) -> int:
-    """Faces of that surface."""
-    return len(asset.hull["faces"] if source is Source.CLIPPED and asset.hull is not None else asset.faces)
-
-
-def surface_images(asset: MeshAsset, source: Source, *, colored: bool) -> dict[str, Array]:
+def surface_images(asset: MeshAsset, hull: DrawnHull | None, *, colored: bool) -> dict[str, Array]:
     """Textures of that surface by the name of their sampler."""
-    if source is Source.CLIPPED:
-        maps = asset.maps or {}
-        images = {"normal_map": maps["normal"]} if "normal" in maps else {}
-        return images | ({"color_map": maps["color"]} if colored else {})
+    if hull is not None:
+        images = {"normal_map": hull.maps["normal"]} if "normal" in hull.maps else {}
+        return images | ({"color_map": hull.maps["color"]} if colored else {})
     appearance = asset.appearance or {}
     textured = colored and {"corner_uv", "texture"} <= set(appearance)
     return {"color_map": appearance["texture"]} if textured else {}
@@ -175,15 +167,14 @@ def normal_rows(asset: MeshAsset) -> Array:
     return _rows({"position": asset.normal_positions, "normal": asset.normals})
 
 
-def corner_rows(asset: MeshAsset, source: Source, corners: I4, *, colored: bool) -> Array:
-    """(...) structured rows of corners, numbered 3 face + corner, of the hull or of the coloured original."""
-    if source is Source.CLIPPED and asset.hull is not None:
-        hull, maps = asset.hull, asset.maps or {}
-        vertices = hull["faces"].reshape(-1)[corners]
-        columns = {"position": hull["positions"][vertices]}
-        if "normal" in maps:
-            return _rows(columns | {"uv": maps["tile_uv"].reshape(-1, 2)[corners]})
-        return _rows(columns | {"normal": hull["normals"][vertices]})
+def corner_rows(asset: MeshAsset, hull: DrawnHull | None, corners: I4, *, colored: bool) -> Array:
+    """(...) structured rows of corners, numbered 3 face + corner, of a hull or of the coloured original."""
+    if hull is not None:
+        vertices = hull.hull["faces"].reshape(-1)[corners]
+        columns = {"position": hull.hull["positions"][vertices]}
+        if "normal" in hull.maps:
+            return _rows(columns | {"uv": hull.maps["tile_uv"].reshape(-1, 2)[corners]})
+        return _rows(columns | {"normal": hull.hull["normals"][vertices]})
     vertices = asset.faces.reshape(-1)[corners]
     columns = {"position": asset.positions[vertices], "normal": asset.normals[asset.shading_faces.reshape(-1)[corners]]}
     appearance: Mapping[str, Any] = asset.appearance or {}

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.conventions import F4, I4, U1, Array
-from service.assets import MeshAsset
+from service.assets import DrawnHull, MeshAsset
+from service.render.halved_maps import halved_maps
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class HullCache:
 
     def __init__(self, capacity_mib: int) -> None:
         self._capacity = capacity_mib << 20
-        self._kept: OrderedDict[str, HullSurface] = OrderedDict()
+        self._kept: OrderedDict[tuple[str, int, int], HullSurface] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -66,31 +67,32 @@ class HullCache:
         """Bytes of all surfaces."""
         return sum(surface.nbytes for surface in self._kept.values())
 
-    def get(self, asset: MeshAsset) -> HullSurface:
-        """The hull of a clippable asset with its maps."""
-        if asset.id not in self._kept:
-            self._kept[asset.id] = hull_surface(asset)
+    def get(self, asset: MeshAsset, number: int = 0, halvings: int = 0) -> HullSurface:
+        """A hull of a clippable asset, with its maps halved so often."""
+        key = asset.id, number, halvings
+        if key not in self._kept:
+            self._kept[key] = hull_surface(asset.hulls[number], halvings)
             while len(self._kept) > 1 and self.nbytes > self._capacity:
                 self._kept.popitem(last=False)
-        self._kept.move_to_end(asset.id)
-        return self._kept[asset.id]
+        self._kept.move_to_end(key)
+        return self._kept[key]
 
 
-def hull_surface(asset: MeshAsset) -> HullSurface:
-    """Copy the hull and its maps. Raises ValueError when the asset has none."""
-    if asset.hull is None or asset.maps is None:
+def hull_surface(drawn: DrawnHull, halvings: int = 0) -> HullSurface:
+    """Copy a hull and its maps. Raises ValueError when it has none."""
+    if not drawn.maps:
         raise ValueError("only a hull with maps can be drawn")
-    normal, edges = asset.maps["normal"], asset.hull_edges
-    height, width = normal.shape[:2]
-    normals = _texels(normal)
+    hull, maps, edges = drawn.hull, halved_maps(drawn.maps, halvings), drawn.edges
+    height, width = maps["normal"].shape[:2]
+    normals = _texels(maps["normal"])
     return HullSurface(
-        np.array(asset.hull["positions"], np.float32),
-        np.array(asset.hull["faces"], np.int32),
+        np.array(hull["positions"], np.float32),
+        np.array(hull["faces"], np.int32),
         np.array(edges.vertices, np.int32),
         np.array(edges.faces, np.int32),
-        asset.maps["tile_uv"] * np.array([width, height], np.float32),
+        maps["tile_uv"] * np.array([width, height], np.float32),
         normals,
-        _texels(asset.maps["color"]) if "color" in asset.maps else normals,
+        _texels(maps["color"]) if "color" in maps else normals,
         (width, height),
     )
 

@@ -58,6 +58,7 @@ middle of the pixel; four on a square lattice of side sqrt(0.3125); a grid of 4 
 class Plan:
     """What one frame does. passes: names, in no order (`frame.FRAME` has the order). closed: back faces cannot be seen.
     smooth: the outline is that of the surface with interpolated normals.
+    hull: number of the hull that is drawn, None for the mesh. halvings: how often the sides of its maps are halved.
     """
 
     source: Source
@@ -66,6 +67,8 @@ class Plan:
     passes: frozenset[str]
     closed: bool
     smooth: bool = False
+    hull: int | None = None
+    halvings: int = 0
 
     @property
     def on_cpu(self) -> bool:
@@ -115,7 +118,7 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
     if smooth:
         passes |= {"smooth"}
     closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, eye))
-    return Plan(source, antialias, mode, passes, closed, smooth)
+    return Plan(source, antialias, mode, passes, closed, smooth, 0 if source is Source.CLIPPED else None)
 
 
 def _check_smooth(accuracy: Accuracy, refusal: str | None) -> None:
@@ -123,7 +126,7 @@ def _check_smooth(accuracy: Accuracy, refusal: str | None) -> None:
     if accuracy.max_error_px is not None:
         message = "a smooth outline is meant to leave the mesh's, so no error can be asked of it"
         raise InvalidRequestError(message, field="accuracy.max_error_px")
-    if accuracy.antialias is not Antialias.COVERAGE:
+    if accuracy.antialias not in (Antialias.COVERAGE, Antialias.AUTO):
         raise InvalidRequestError("only coverage has a smooth outline", field="accuracy.smooth")
     if refusal is not None:
         raise CapabilityError(refusal, field="accuracy.smooth")
@@ -136,6 +139,8 @@ def _bare_mask(antialias: Antialias) -> frozenset[str]:
 
 def _rung(request: RenderRequest, refusal: str | None) -> tuple[Source, Antialias]:
     antialias, source = request.accuracy.antialias, request.accuracy.source
+    if antialias is Antialias.AUTO:
+        antialias = Antialias.COVERAGE
     if source is Source.AUTO:
         source = Source.CLIPPED if refusal is None and (Source.CLIPPED, antialias) in SURFACE else Source.ORIGINAL
     if source is Source.CLIPPED:
@@ -166,7 +171,7 @@ def _is_outside_convex_hull(asset: MeshAsset, eye: F8) -> bool:
     x, y, z, w = eye.tolist()
     if w == 0.0 or math.hypot(x, y, z) > asset.radius * (1.0 + CERTAIN):
         return True
-    planes = asset.convex_planes
+    planes = asset.hulls[0].convex_planes
     return bool(np.any(planes[:, :3] @ eye[:3] + planes[:, 3] > CERTAIN))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from schemas.conventions import F4, F8, I4, U1, Array
 from schemas.render import RenderRequest
-from service.assets import MeshAsset
+from service.assets import DrawnHull, MeshAsset
 from service.camera import View
 from service.kernels.compositing import linear_table
 from service.render.context import GlContext
@@ -183,6 +183,11 @@ class FrameState:
     target: Target | None = None
     placed: PlacedHull | None = None
     drawn: U1 | None = None
+
+    @property
+    def hull(self) -> DrawnHull | None:
+        """The hull that is drawn; None where the mesh is."""
+        return None if self.plan.hull is None else self.asset.hulls[self.plan.hull]
 
     @property
     def outlined(self) -> tuple[F4, SilhouetteTree | None]:

@@ -15,7 +15,8 @@ from service.render.state import FrameState
 
 def place_hull(frame: FrameState) -> None:
     """Find where the hull's vertices, its front faces and its outline are in the image: `frame.placed`."""
-    s, scratch, view = frame.gpu.hulls.get(frame.asset), frame.gpu.scratch, frame.view
+    plan, scratch, view = frame.plan, frame.gpu.scratch, frame.view
+    s = frame.gpu.hulls.get(frame.asset, plan.hull or 0, plan.halvings)
     faces, edges = len(s.faces), len(s.edge_faces)
     points, front = scratch.array("points", (len(s.positions), 4), np.float64), scratch.array("front", (faces,), np.bool_)
     seen, rows = scratch.array("seen", (faces,), np.int32), scratch.array("rows", (faces, 2), np.int32)

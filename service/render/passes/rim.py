@@ -11,7 +11,7 @@ import moderngl
 
 from geometry.predicates import front_facing
 from schemas.conventions import Array
-from schemas.render import Antialias, Source
+from schemas.render import Antialias
 from service.render.gpu_cache import Surface, attributes, corner_rows, edge_corners, fields_of
 from service.render.passes.surface import shaded_program, surface_of
 from service.render.state import FrameState
@@ -43,9 +43,10 @@ def draw_rim(frame: FrameState) -> None:
 def _ends(frame: FrameState, surface: Surface) -> Array:
     """(k, 2) rows of the ends of the surface's silhouette edges."""
     asset, colored = frame.asset, "color_map" in surface.textures or "COLOR" in surface.definitions
-    if surface.edge_ends is not None and asset.hull is not None:
-        front = front_facing(asset.hull["positions"], asset.hull["faces"], frame.view.eye)
-        beside = front[asset.hull_edges.faces]
+    hull = frame.hull
+    if surface.edge_ends is not None and hull is not None:
+        front = front_facing(hull.hull["positions"], hull.hull["faces"], frame.view.eye)
+        beside = front[hull.edges.faces]
         return surface.edge_ends[beside[:, 0] != beside[:, 1]]
     corners = edge_corners(asset.faces, frame.edges, asset.left_faces(frame.edges))
-    return corner_rows(asset, Source.ORIGINAL, corners, colored=colored)
+    return corner_rows(asset, None, corners, colored=colored)

@@ -32,7 +32,7 @@ def surface_of(frame: FrameState) -> Surface:
     """The surface that the plan draws, in the GL."""
     shading = frame.request.shading
     colored = shading.use_mesh_color and shading.mode is ShadingMode.LAMBERT
-    return frame.gpu.cache.get(frame.asset, frame.plan.source, colored=colored)
+    return frame.gpu.cache.get(frame.asset, frame.plan.hull, colored=colored, halvings=frame.plan.halvings)
 
 
 def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl.Program:

@@ -123,7 +123,7 @@ def seen_faces(points, faces, width, height):
 def test_each_pixel_shows_the_nearest_front_face(name, camera):
     asset = clippable(name)
     points, matrix = camera_points(asset, camera, 61, 47)
-    _, _, words = drawn(hull_surface(asset), matrix, 61, 47)
+    _, _, words = drawn(hull_surface(asset.hulls[0]), matrix, 61, 47)
     shown = np.where(words[:, :61] == EMPTY, -1, words[:, :61] & FACE_MASK)
     expected = seen_faces(points, asset.hull["faces"], 61, 47)
     sure = expected != -2
@@ -135,7 +135,7 @@ def test_each_pixel_shows_the_nearest_front_face(name, camera):
 def test_planes_find_the_place_in_the_map_of_every_pixel():
     asset = clippable("knot")
     points, matrix = camera_points(asset, {"eye": [2.0, 1.5, 2.5], "fov_y_deg": 70}, 80, 60)
-    surface = hull_surface(asset)
+    surface = hull_surface(asset.hulls[0])
     planes, _, words = drawn(surface, matrix, 80, 60)
     rows, columns = np.nonzero(words[:, :80] != EMPTY)
     for row, column in list(zip(rows, columns, strict=True))[::37]:
@@ -150,7 +150,7 @@ def test_planes_find_the_place_in_the_map_of_every_pixel():
 def test_rim_reaches_every_pixel_beside_an_outline_edge_from_the_nearest_one(half):
     asset = clippable("torus")
     points, matrix = camera_points(asset, {"eye": [2.0, 1.5, 2.5], "fov_y_deg": 60}, 70, 60)
-    surface = hull_surface(asset)
+    surface = hull_surface(asset.hulls[0])
     _, front, before = drawn(surface, matrix, 70, 60)
     _, _, words = drawn(surface, matrix, 70, 60, half)
     edges = surface.edge_vertices[front[surface.edge_faces[:, 0]] != front[surface.edge_faces[:, 1]]]
@@ -173,7 +173,7 @@ def test_rim_reaches_every_pixel_beside_an_outline_edge_from_the_nearest_one(hal
 def test_places_on_the_rim_lie_between_the_ends_of_their_edge(half):
     asset = clippable("torus")
     _, matrix = camera_points(asset, {"eye": [2.0, 1.5, 2.5], "fov_y_deg": 60}, 70, 60)
-    surface = hull_surface(asset)
+    surface = hull_surface(asset.hulls[0])
     planes, front, words = drawn(surface, matrix, 70, 60, half)
     number = words[:, :70] & FACE_MASK
     beside = front[surface.edge_faces]

@@ -131,7 +131,7 @@ def test_back_faces_are_drawn_only_where_they_can_be_seen():
 
 
 def test_tables_name_rungs_of_the_contract_only():
-    assert {antialias for _, antialias in SURFACE} == set(Antialias)
+    assert {antialias for _, antialias in SURFACE} == set(Antialias) - {Antialias.AUTO}
     assert set(SILHOUETTE) == {antialias for source, antialias in SURFACE if source is Source.CLIPPED}
 
 
