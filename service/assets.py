@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
@@ -20,12 +21,15 @@ from schemas.errors import NotReadyError
 from schemas.ladder import Ladder
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
+from service.rungs import HullFacts, RungTable, rung_table
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
 from service.silhouette.smooth import SmoothSurface
 
 CLIP, LEVELS = "clip", "levels"
 """Names of capabilities in the manifest."""
+LARGER = 0.9
+"""Part of a hull's area that is in faces no larger than its typical larger one, whose texels are counted."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,19 @@ class DrawnHull:
     def edges(self) -> EdgeTable:
         """Its edges."""
         return build_edges(np.asarray(self.hull["faces"]))
+
+    @cached_property
+    def facts(self) -> HullFacts:
+        """What rungs depend on of it."""
+        if not self.maps:
+            return HullFacts(self.faces, 0, 0.0, 0.0)
+        corners = self.hull["positions"].astype(np.float64)[self.hull["faces"]]
+        areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        side = float(np.ptp(self.maps["tile_uv"][0, :, 0].astype(np.float64))) * self.maps["normal"].shape[1]
+        order = np.argsort(areas)
+        smaller = np.cumsum(areas[order]) <= LARGER * areas.sum()
+        typical = float(areas[order[min(int(smaller.sum()), len(order) - 1)]])
+        return HullFacts(self.faces, self.texels, side, side / math.sqrt(2.0 * typical) if typical > 0.0 else 0.0)
 
     @cached_property
     def convex_planes(self) -> F8:
@@ -99,6 +116,12 @@ class MeshAsset:
     def hulls(self) -> tuple[DrawnHull, ...]:
         """All hulls that can be drawn, the one that was asked for first."""
         return () if self.hull is None else (DrawnHull(self.hull, self.maps or {}), *self.other_hulls)
+
+    @cached_property
+    def rungs(self) -> RungTable:
+        """Every way in which it can be drawn."""
+        levels = [(len(level.faces), level.bound) for level in self.levels]
+        return rung_table(self.clippable, levels, [hull.facts for hull in self.hulls], self.ladder)
 
     @property
     def normal_positions(self) -> F4:

@@ -19,10 +19,11 @@ from service.kernels.hull_bands import PASSES, draw_bands
 from service.kernels.hull_visible import PLANES, SLACK
 from service.render.hull_cache import PlacedHull
 from service.render.passes.light import light_of
-from service.render.state import COLORS_KEPT, LINEAR_TABLE, Color, FrameState, Tile, as_words, parse_color, word_of
+from service.render.state import COLORS_KEPT, LINEAR_TABLE, Color, FrameState, as_words, parse_color, word_of
 from service.scratch import ThreadScratch
 from service.silhouette.coverage import MOST_PIECES, cover_scratch
 from service.threads import cores, side_by_side
+from service.tile import Tile
 
 BANDS_A_CORE = 4
 """More balance the work better, and each costs some setting up."""

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from schemas.conventions import U1
-from schemas.render import RenderRequest
+from schemas.render import RenderRequest, ShadingMode
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
-from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
+from service.costs import ViewTerms
 from service.render.bands import draw_in_bands
 from service.render.passes.background import make_background
 from service.render.passes.clear import clear_target
@@ -29,8 +29,9 @@ from service.render.passes.smooth import smooth_outline
 from service.render.passes.stencil import count_windings
 from service.render.passes.surface import draw_surface
 from service.render.plan import Plan, plan_frame
-from service.render.state import BORDER, FrameState, Gpu, Tile, parse_color
+from service.render.state import FrameState, Gpu, parse_color
 from service.silhouette.levels import LevelInView
+from service.tile import Tile
 
 Make = Callable[[FrameState], None]
 
@@ -97,7 +98,8 @@ class RenderedImage:
     passes: (name, milliseconds) in order; unless each was waited for, "read" waits for what the drawing passes began. plan: the
     names of the passes that ran. rung: source/antialias that was drawn.
     error_px: how far the outline may be off the original's, pixels; None where that is not known. area: outside it there is
-    nothing but background. level: what the outline was taken from, None for the original itself.
+    nothing but background. planned: what was decided before, None for a picture of several meshes. edges: of the silhouette it met.
+    ms: from the resolved request to pixels in memory.
     """
 
     pixels: U1
@@ -106,7 +108,14 @@ class RenderedImage:
     rung: str
     error_px: float | None
     area: Tile
-    level: LevelInView | None = None
+    planned: Plan | None = None
+    edges: int = 0
+    ms: float = 0.0
+
+    @property
+    def level(self) -> LevelInView | None:
+        """What the outline was taken from, None for the original itself."""
+        return None if self.planned is None else self.planned.level
 
 
 def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, wait_each: bool = False) -> RenderedImage:
@@ -120,31 +129,40 @@ def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, wait_eac
 
 def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, *, wait_each: bool = False) -> RenderedImage:
     """The same for a camera that has been resolved already; that of the request is not looked at."""
-    plan = plan_frame(request, asset, view.eye)
+    start = time.perf_counter()
+    plan = plan_frame(request, asset, view, gpu.costs)
     background = None if request.background == "transparent" else parse_color(request.background)
-    level = plan.level_for(view, asset, request.accuracy.max_error_px)
-    frame = FrameState(gpu, asset, request, plan, view, background, level)
-    frame.area = visible_area(asset, plan, view)
+    frame = FrameState(gpu, asset, request, plan, view, background, plan.level, area=plan.area)
     if frame.area.width:
         frame.grow_area()
-    steps = [step for step in FRAME if step.name in plan.passes]
     times = Timed(gpu, wait_each)
+    _draw(frame, [step for step in FRAME if step.name in plan.passes], times)
+    ms = (time.perf_counter() - start) * 1e3
+    if frame.area.width and plan.mode is not ShadingMode.MASK and not plan.smooth:
+        edges = len(frame.edges) if plan.level is None and "edges" in plan.passes else None
+        terms = ViewTerms(plan.area.pixels, view.width * view.height)
+        gpu.costs.observe(asset, plan.choice.number, terms, ms, edges)
+    passes = tuple(times.ms.items())
+    return RenderedImage(frame.image, passes, tuple(times.ms), plan.rung, plan.error_px, frame.area, plan, len(frame.edges), ms)
+
+
+def _draw(frame: FrameState, steps: list[Pass], times: Timed) -> None:
+    """Run the passes."""
+    plan = frame.plan
     for step in steps:
-        early = not step.each_tile or (plan.smooth and step.make is make_coverage)
-        if early and (frame.area.width or step.make is make_background):
+        if not step.each_tile or (plan.smooth and step.make is make_coverage):
             times.run(step.name, step.make, frame, draws=step.draws)
+    if not frame.area.width:
+        return
     if plan.on_cpu:
-        if frame.area.width:
-            times.add(draw_in_bands(frame))
-    else:
-        for tile in tiles_of(plan, frame.area):
-            frame.tile = tile
-            for step in steps:
-                if step.each_tile:
-                    times.run(step.name, step.make, frame, draws=step.draws)
-        gpu.gl.check()
-    error_px = plan.error_px if plan.error_px is None or level is None else plan.error_px + level.error_px
-    return RenderedImage(frame.image, tuple(times.ms.items()), tuple(times.ms), plan.rung, error_px, frame.area, level)
+        times.add(draw_in_bands(frame))
+        return
+    for tile in tiles_of(plan, frame.area):
+        frame.tile = tile
+        for step in steps:
+            if step.each_tile:
+                times.run(step.name, step.make, frame, draws=step.draws)
+    frame.gpu.gl.check()
 
 
 def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
@@ -155,13 +173,3 @@ def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
         for y in range(area.y, area.y + area.height, side)
         for x in range(area.x, area.x + area.width, side)
     ]
-
-
-def visible_area(asset: MeshAsset, plan: Plan, view: View) -> Tile:
-    """The part of the image that can have anything of the mesh in it; empty (no width) when none can."""
-    points = asset.corners if plan.hull is None else asset.hulls[plan.hull].hull["positions"]
-    kind, x0, y0, x1, y1 = screen_bounds(view.matrix, points, view.width, view.height, BORDER)
-    whole = Tile(0, 0, view.width, view.height)
-    if kind == SOME:
-        return whole.within((x0, y0), (x1, y1))
-    return whole if kind == UNKNOWN else Tile(0, 0, 0, 0)

@@ -12,13 +12,14 @@ from schemas.render import RenderRequest
 from service.assets import MeshAsset
 from service.camera import View
 from service.kernels.compositing import put_drawn
-from service.render.frame import RenderedImage, Timed, tiles_of, visible_area
+from service.render.frame import RenderedImage, Timed, tiles_of
 from service.render.passes.clear import clear_target
 from service.render.passes.read import read_pixels
 from service.render.passes.resolve import resolve_samples
 from service.render.passes.surface import draw_surface
-from service.render.plan import Plan, plan_frame
-from service.render.state import LINEAR_TABLE, FrameState, Gpu, Tile, as_words
+from service.render.plan import plan_frame
+from service.render.state import LINEAR_TABLE, FrameState, Gpu, as_words
+from service.tile import Tile
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,8 @@ def _draw_tile(frames: list[FrameState], tile: Tile, image: U1, times: Timed) ->
 
 
 def _frame(gpu: Gpu, member: Member) -> FrameState:
-    plan: Plan = plan_frame(member.request, member.asset, member.view.eye)
-    frame = FrameState(gpu, member.asset, member.request, plan, member.view, None)
-    frame.area = visible_area(member.asset, plan, member.view)
-    return frame
+    plan = plan_frame(member.request, member.asset, member.view, gpu.costs)
+    return FrameState(gpu, member.asset, member.request, plan, member.view, None, area=plan.area)
 
 
 def _around(areas: list[Tile]) -> Tile:

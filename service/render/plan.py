@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,63 +11,52 @@ from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.render import Accuracy, Antialias, RenderRequest, ShadingMode, Source
 from service.assets import MeshAsset
 from service.camera import View
-from service.silhouette.levels import LevelInView, choose_level
-
-ALWAYS = frozenset({"background"})
-DRAWN = frozenset({"clear", "read", "composite"})
-"""What a picture needs as soon as the GL draws anything of it."""
-
-SILHOUETTE: dict[Antialias, frozenset[str]] = {
-    Antialias.NONE: frozenset({"edges", "loops", "stencil"}),
-    Antialias.LINE: frozenset({"edges", "loops", "stencil", "segments", "outline", "interior"}),
-    Antialias.COVERAGE: frozenset({"edges", "segments", "coverage"}),
-}
-"""Passes that make the exact outline, by rung."""
-
-SURFACE: dict[tuple[Source, Antialias], frozenset[str]] = {
-    (Source.CLIPPED, Antialias.NONE): frozenset({"surface"}) | DRAWN,
-    (Source.CLIPPED, Antialias.LINE): frozenset({"surface", "rim"}) | DRAWN,
-    (Source.CLIPPED, Antialias.COVERAGE): frozenset({"hull", "surface", "rim", "composite"}),
-    (Source.ORIGINAL, Antialias.NONE): frozenset({"surface"}) | DRAWN,
-    (Source.ORIGINAL, Antialias.COVERAGE): frozenset({"surface", "rim"}) | DRAWN,
-    (Source.ORIGINAL, Antialias.MSAA): frozenset({"surface", "resolve"}) | DRAWN,
-    (Source.ORIGINAL, Antialias.SSAA): frozenset({"surface", "resolve"}) | DRAWN,
-}
-"""Passes that colour it; the rungs there are, by source. The rim colours pixels that the outline touches but no surface
-does. The clipped hull under an exact mask is drawn without the GL."""
-
-CERTAIN = 1e-6
-"""Normalised units by which an eye must be outside to count as outside."""
-
-SAMPLE_GRID: dict[Antialias, int] = {Antialias.MSAA: 2, Antialias.SSAA: 4}
-"""Samples a pixel has along each side, where it is not one."""
-
-OUTLINE_ERROR_PX: dict[Antialias, float] = {
-    Antialias.NONE: math.sqrt(0.5),
-    Antialias.LINE: math.sqrt(0.5),
-    Antialias.COVERAGE: 0.5 / 255.0,
-    Antialias.MSAA: math.sqrt(0.3125 / 2.0),
-    Antialias.SSAA: math.sqrt(0.5) / 4.0,
-}
-"""How far from the outline, pixels, a point can be and yet count as on its other side: the longest way to a sample (one in the
-middle of the pixel; four on a square lattice of side sqrt(0.3125); a grid of 4 x 4), or the rounding of an area to a byte."""
+from service.costs import GRID, NOMINAL, CostModel, ViewTerms
+from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
+from service.render.choice import CERTAIN, Choice, choose, why_not_clipped
+from service.rungs import ALWAYS, DRAWN, SILHOUETTE, is_outlined, passes_of
+from service.silhouette.levels import LevelInView
+from service.tile import BORDER, Tile
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What one frame does. passes: names, in no order (`frame.FRAME` has the order). closed: back faces cannot be seen.
-    smooth: the outline is that of the surface with interpolated normals.
-    hull: number of the hull that is drawn, None for the mesh. halvings: how often the sides of its maps are halved.
+    """What one frame does. choice: the rung, and why. passes: names, in no order (`frame.FRAME` has the order); only the background
+    when nothing is in view. closed: back faces cannot be seen. smooth: the outline is that of the surface with interpolated normals.
+    area: the part of the image that can have anything of the mesh in it.
     """
 
-    source: Source
-    antialias: Antialias
+    choice: Choice
     mode: ShadingMode
     passes: frozenset[str]
     closed: bool
+    area: Tile
     smooth: bool = False
-    hull: int | None = None
-    halvings: int = 0
+
+    @property
+    def source(self) -> Source:
+        """What is drawn."""
+        return self.choice.rung.source
+
+    @property
+    def antialias(self) -> Antialias:
+        """How the outline is smoothed."""
+        return self.choice.rung.antialias
+
+    @property
+    def hull(self) -> int | None:
+        """Number of the hull that is drawn, None for the mesh."""
+        return self.choice.rung.hull
+
+    @property
+    def halvings(self) -> int:
+        """How often the sides of its maps are halved."""
+        return self.choice.rung.halvings
+
+    @property
+    def level(self) -> LevelInView | None:
+        """What the outline is taken from, None for the mesh."""
+        return self.choice.level
 
     @property
     def on_cpu(self) -> bool:
@@ -83,96 +71,70 @@ class Plan:
     @property
     def error_px(self) -> float | None:
         """How far the outline may be off the mesh's, pixels; None for a smooth one, which means to be off."""
-        return None if self.smooth else OUTLINE_ERROR_PX[self.antialias]
-
-    def level_for(self, view: View, asset: MeshAsset, max_error_px: float | None) -> LevelInView | None:
-        """The level whose outline may stand for the mesh's; None when it must be the mesh's, or none is clipped to."""
-        if max_error_px is None or self.smooth or self.source is not Source.CLIPPED:
-            return None
-        return choose_level(asset.levels, view, asset.corners, max_error_px - OUTLINE_ERROR_PX[self.antialias])
+        return None if self.smooth else self.choice.error_px
 
     @property
     def sample_grid(self) -> int:
         """Samples along each side of a pixel."""
-        return SAMPLE_GRID.get(self.antialias, 1)
+        return GRID.get(self.antialias, 1)
 
 
-def plan_frame(request: RenderRequest, asset: MeshAsset, eye: F8) -> Plan:
-    """The plan for a request seen from eye (4,) f8, normalised frame.
+_NOMINAL = CostModel("nominal", NOMINAL)
+
+
+def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: CostModel | None = None) -> Plan:
+    """The plan for a request in a view. costs: of the device that draws; nominal ones without.
 
     Raises CapabilityError when the request insists on what this mesh or this eye does not allow, InvalidRequestError when
     its rung does not exist.
     """
-    refusal = _why_not_clipped(asset, eye)
-    source, antialias = _rung(request, refusal)
-    smooth = request.accuracy.smooth
-    if smooth:
-        _check_smooth(request.accuracy, refusal)
-    mode = request.shading.mode
-    outlined = source is Source.CLIPPED or antialias is Antialias.COVERAGE
-    passes = ALWAYS | (SILHOUETTE[antialias] if outlined else frozenset())
-    if outlined and mode is ShadingMode.MASK:
-        passes |= _bare_mask(antialias)
+    accuracy, mode = request.accuracy, request.shading.mode
+    if accuracy.smooth:
+        accuracy = _smoothed(accuracy, asset, view.eye)
+    area = visible_area(asset, 0 if asset.hulls else None, view)
+    terms = ViewTerms(area.pixels, view.width * view.height)
+    choice = choose(accuracy, asset, view, terms, costs or _NOMINAL)
+    source, antialias = choice.rung.source, choice.rung.antialias
+    if area.width and choice.rung.hull != (0 if asset.hulls else None):
+        area = visible_area(asset, choice.rung.hull, view)
+    if not area.width:
+        passes = ALWAYS
+    elif mode is ShadingMode.MASK and is_outlined(source, antialias):
+        passes = _mask_passes(antialias)
     else:
-        passes |= SURFACE[source, antialias]
-    if smooth:
+        passes = passes_of(source, antialias)
+    if accuracy.smooth and area.width:
         passes |= {"smooth"}
-    closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, eye))
-    return Plan(source, antialias, mode, passes, closed, smooth, 0 if source is Source.CLIPPED else None)
+    closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, view.eye))
+    return Plan(choice, mode, passes, closed, area, accuracy.smooth)
 
 
-def _check_smooth(accuracy: Accuracy, refusal: str | None) -> None:
-    """A smooth outline is a coverage mask, and that takes the silhouette."""
-    if accuracy.max_error_px is not None:
-        message = "a smooth outline is meant to leave the mesh's, so no error can be asked of it"
-        raise InvalidRequestError(message, field="accuracy.max_error_px")
+def visible_area(asset: MeshAsset, hull: int | None, view: View) -> Tile:
+    """The part of the image that can have anything of a hull, or the mesh (None), in it; empty (no width) when none can."""
+    points = asset.corners if hull is None else asset.hulls[hull].hull["positions"]
+    kind, x0, y0, x1, y1 = screen_bounds(view.matrix, points, view.width, view.height, BORDER)
+    whole = Tile(0, 0, view.width, view.height)
+    if kind == SOME:
+        return whole.within((x0, y0), (x1, y1))
+    return whole if kind == UNKNOWN else Tile(0, 0, 0, 0)
+
+
+def _smoothed(accuracy: Accuracy, asset: MeshAsset, eye: F8) -> Accuracy:
+    """What a smooth outline asks for: it is a coverage mask, and that takes the silhouette of the mesh itself."""
+    for field in ("max_error_px", "budget_ms"):
+        if getattr(accuracy, field) is not None:
+            raise InvalidRequestError(f"a smooth outline is meant to leave the mesh's: no {field} goes with it", field=f"accuracy.{field}")
     if accuracy.antialias not in (Antialias.COVERAGE, Antialias.AUTO):
         raise InvalidRequestError("only coverage has a smooth outline", field="accuracy.smooth")
-    if refusal is not None:
+    if (refusal := why_not_clipped(asset, eye)) is not None:
         raise CapabilityError(refusal, field="accuracy.smooth")
+    return accuracy.model_copy(update={"antialias": Antialias.COVERAGE, "level": -1})
 
 
-def _bare_mask(antialias: Antialias) -> frozenset[str]:
+def _mask_passes(antialias: Antialias) -> frozenset[str]:
     """Passes that lay the outline's alpha down without any surface; an exact mask needs no GL at all."""
-    return frozenset({"composite"}) if antialias is Antialias.COVERAGE else DRAWN | {"interior"}
-
-
-def _rung(request: RenderRequest, refusal: str | None) -> tuple[Source, Antialias]:
-    antialias, source = request.accuracy.antialias, request.accuracy.source
-    if antialias is Antialias.AUTO:
-        antialias = Antialias.COVERAGE
-    if source is Source.AUTO:
-        source = Source.CLIPPED if refusal is None and (Source.CLIPPED, antialias) in SURFACE else Source.ORIGINAL
-    if source is Source.CLIPPED:
-        if (source, antialias) not in SURFACE:
-            raise InvalidRequestError(f"{antialias.value} is a rung of the original only", field="accuracy.antialias")
-        if refusal is not None:
-            raise CapabilityError(refusal, field="accuracy.source")
-        return source, antialias
-    needs_outline = antialias is Antialias.COVERAGE and refusal is not None
-    return source, Antialias.MSAA if antialias is Antialias.LINE or needs_outline else antialias
-
-
-def _why_not_clipped(asset: MeshAsset, eye: F8) -> str | None:
-    """Why the silhouette cannot clip this view; None when it can.
-
-    Silhouette Clipping counts front-facing layers along each ray from its contours alone, which is right from outside the
-    convex hull of what is drawn (section 6).
-    """
-    if not asset.clippable or asset.hull is None:
-        return asset.clip.reason or "the mesh was not prepared for clipping"
-    if not _is_outside_convex_hull(asset, eye):
-        return "the eye is inside the convex hull of the mesh's hull, where a silhouette does not clip"
-    return None
-
-
-def _is_outside_convex_hull(asset: MeshAsset, eye: F8) -> bool:
-    """Whether the eye is certainly outside the convex hull of the mesh's hull."""
-    x, y, z, w = eye.tolist()
-    if w == 0.0 or math.hypot(x, y, z) > asset.radius * (1.0 + CERTAIN):
-        return True
-    planes = asset.hulls[0].convex_planes
-    return bool(np.any(planes[:, :3] @ eye[:3] + planes[:, 3] > CERTAIN))
+    bare = frozenset({"composite"}) if antialias is Antialias.COVERAGE else DRAWN | {"interior"}
+    return ALWAYS | SILHOUETTE[antialias] | bare
 
 
 def _is_outside_box(asset: MeshAsset, eye: F8) -> bool:

@@ -14,6 +14,7 @@ from schemas.conventions import F4, F8, I4, U1, Array
 from schemas.render import RenderRequest
 from service.assets import DrawnHull, MeshAsset
 from service.camera import View
+from service.costs import NOMINAL, CostModel
 from service.kernels.compositing import linear_table
 from service.render.context import GlContext
 from service.render.gpu_cache import GpuCache
@@ -26,12 +27,11 @@ from service.silhouette.contours import Contours
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import LevelInView
 from service.silhouette.smooth import SmoothContours
+from service.tile import NOWHERE, Tile
 
 LINEAR_TABLE = linear_table()
 LEAST_STREAM = 1 << 14
 """Bytes of the smallest buffer for passing vertices."""
-BORDER = 2
-"""Pixels about the bounds of a surface that are drawn too: rim and outline reach one pixel beyond it."""
 COLORS_KEPT = 64
 Color = tuple[int, int, int]
 
@@ -103,6 +103,7 @@ class Gpu:
         self.cache = GpuCache(self.ctx, cache_mib)
         self.hulls = HullCache(cache_mib)
         self.scratch = ThreadScratch()
+        self.costs = CostModel(str(self.ctx.info["GL_RENDERER"]), NOMINAL)
         self._screens: dict[moderngl.Program, moderngl.VertexArray] = {}
         self._streams: dict[moderngl.Program, Stream] = {}
         self._pixels = np.empty(0, np.uint8)
@@ -139,24 +140,6 @@ class Gpu:
         self.gl.release()
 
 
-@dataclass(frozen=True)
-class Tile:
-    """A rectangle of the image, pixels from the top left. Empty ones have no width and no height."""
-
-    x: int
-    y: int
-    width: int
-    height: int
-
-    def within(self, low: tuple[float, float], high: tuple[float, float]) -> Tile:
-        """The part of it that lies between two points, in pixels, and a border about them."""
-        x0 = math.floor(max(low[0] - BORDER, self.x))
-        y0 = math.floor(max(low[1] - BORDER, self.y))
-        x1 = math.ceil(min(high[0] + BORDER, self.x + self.width))
-        y1 = math.ceil(min(high[1] + BORDER, self.y + self.height))
-        return Tile(x0, y0, x1 - x0, y1 - y0) if x0 < x1 and y0 < y1 else Tile(self.x, self.y, 0, 0)
-
-
 @dataclass
 class FrameState:
     """One frame under way. background: sRGB bytes, None when transparent. area: the part of the image that can have anything
@@ -178,8 +161,8 @@ class FrameState:
     segments: F8 = field(default_factory=lambda: np.empty((0, 4)))
     smooth: SmoothContours | None = None
     mask: U1 | None = None
-    area: Tile = Tile(0, 0, 0, 0)
-    tile: Tile = Tile(0, 0, 0, 0)
+    area: Tile = NOWHERE
+    tile: Tile = NOWHERE
     target: Target | None = None
     placed: PlacedHull | None = None
     drawn: U1 | None = None
@@ -206,10 +189,7 @@ class FrameState:
 
     def grow_area(self) -> None:
         """Add to the area what the outline may have beyond the surface."""
-        area, view, by = self.area, self.view, math.ceil(self.beyond_px)
-        x0, y0 = max(area.x - by, 0), max(area.y - by, 0)
-        x1, y1 = min(area.x + area.width + by, view.width), min(area.y + area.height + by, view.height)
-        self.area = Tile(x0, y0, x1 - x0, y1 - y0)
+        self.area = self.area.grown(math.ceil(self.beyond_px), self.view.width, self.view.height)
 
     @property
     def scale(self) -> int:

@@ -8,8 +8,9 @@ from service.kernels.layers import put_over, settle
 from service.render.frame import RenderedImage, render_view
 from service.render.group import Member, render_group
 from service.render.renderer import Draw
-from service.render.state import LINEAR_TABLE, Gpu, Tile, as_words, parse_color, word_of
+from service.render.state import LINEAR_TABLE, Gpu, as_words, parse_color, word_of
 from service.scene.plan import Layer, ScenePlan
+from service.tile import Tile
 from service.waiting import Stopwatch
 
 

@@ -17,9 +17,7 @@ from service.kernels.screen_bounds import NOTHING, screen_bounds
 from service.render.plan import plan_frame
 from service.scene.order import Group, Placed, sort_groups
 from service.scene.place import own_view, place, sphere_around, view_of
-
-BORDER = 2
-"""Pixels about the picture where an object can still be seen in it: outlines reach one pixel beyond what they outline."""
+from service.tile import BORDER
 
 TANGLED, CYCLE, ASKED = "their convex hulls meet", "they hide each other in a circle", "the originals were asked for"
 """Why objects are drawn together."""
@@ -128,7 +126,7 @@ def _of_object(request: SceneRequest, index: int, accuracy: Accuracy) -> RenderR
 def _check(part: Part) -> None:
     """Refuse now what the drawing of this object would refuse."""
     try:
-        plan_frame(part.request, part.asset, part.view.eye)
+        plan_frame(part.request, part.asset, part.view)
     except InvalidRequestError as error:
         message = f"objects[{part.index}]: {error.message}" if isinstance(error, CapabilityError) else error.message
         raise type(error)(message, field=error.where["field"], object=part.index) from error

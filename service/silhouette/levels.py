@@ -15,8 +15,8 @@ import numpy as np
 
 from schemas.conventions import F4, F8, I4, Array
 from service.camera import View
+from service.kernels.choose_rung import pixels_per_unit
 from service.silhouette.extract import SilhouetteTree
-from service.silhouette.project import pixel_matrix
 
 ROUNDING = 1e-9
 """Part by which a computed bound in pixels, or a depth, may be off."""
@@ -74,27 +74,30 @@ def choose_level(levels: Sequence[SilhouetteLevel], view: View, corners: F8, mos
     return None
 
 
+class Scale(NamedTuple):
+    """Of `service.kernels.choose_rung.pixels_per_unit`, rounded up."""
+
+    pixels: float
+    limit: float
+
+    def of(self, bound: float) -> float:
+        """Pixels within which two points are in the image when they are within `bound` of each other, normalised units."""
+        return bound * self.pixels if bound < self.limit else np.inf
+
+
+def scale_of(view: View, corners: F8) -> Scale:
+    """The scale of a view at its nearest point of the box with these corners (8, 3) f8."""
+    pixels, limit = pixels_per_unit(view.pixels, corners, float(view.width), float(view.height))
+    return Scale(pixels * (1.0 + ROUNDING), limit * (1.0 - ROUNDING))
+
+
 def projected_px(view: View, corners: F8, bound: float) -> float:
     """Pixels within which two points are in the image when they are within `bound` of each other, normalised units.
 
     One of them is in the box with these corners (8, 3) f8 and the other is seen in the image. Infinite where the box comes so near
     to the eye plane, or is behind it, that nothing can be said; what is within `bound` of the box is otherwise in front of the eye.
-
-    With pixels u / w, v / w linear in the point, a point that is seen at pixel c and moved by d is seen at a pixel that is
-    (D - c D_w) d / w' away, with D and D_w the derivatives of (u, v) and w, and w' the depth where it comes to. The norm of that
-    matrix is convex in c: it is largest in a corner of the image.
     """
-    m = pixel_matrix(view)
-    slope = m[2, :3]
-    depths = corners @ slope
-    size = float(np.abs(corners).max() * np.abs(slope).sum() + abs(m[2, 3]))
-    nearest = float(depths.min() + m[2, 3]) - ROUNDING * size
-    if not nearest > bound * float(np.linalg.norm(slope)):
-        return np.inf
-    width, height = float(view.width), float(view.height)
-    image = np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]])
-    largest = max(float(np.linalg.norm(m[:2, :3] - np.outer(corner, slope), 2)) for corner in image)
-    return bound * largest / nearest * (1.0 + ROUNDING)
+    return scale_of(view, corners).of(bound)
 
 
 def rounded_up(error_px: float) -> str:

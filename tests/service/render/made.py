@@ -8,7 +8,9 @@ import numpy as np
 
 from geometry.topology import build_edges, vertex_normals
 from schemas.mesh import Capability
+from schemas.render import Camera
 from service.assets import MeshAsset
+from service.camera import resolve_camera
 from service.silhouette.extract import SilhouetteTree
 from tests import meshes
 from worker.bake import bake_maps, hull_normals
@@ -58,6 +60,15 @@ def prepared(name, mesh, hull_faces, appearance) -> MeshAsset:
         tree=SilhouetteTree(tensors, grown(positions, faces, edges)),
         clip=Capability(available=True),
     )
+
+
+def seen_from(asset, eye, side=512):
+    """The view of an eye (4,) in the normalised frame that looks at the middle."""
+    centre = np.array(asset.frame.centre)
+    place = (centre + asset.frame.scale * np.asarray(eye[:3], float)).tolist()
+    target = (centre + asset.frame.scale * np.array([0.001, 0.002, -0.003])).tolist()
+    more = {} if eye[3] else {"projection": "orthographic", "height": 3.0 * asset.frame.scale}
+    return resolve_camera(Camera(eye=place, target=target, up=[0.1, 1.0, 0.2], **more), asset.frame, side, side, asset.radius)
 
 
 def grown(positions, faces, edges):

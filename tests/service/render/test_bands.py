@@ -14,8 +14,8 @@ from service.kernels.hull_bands import PASSES
 from service.kernels.intrinsics import cycles, take
 from service.render import bands
 from service.render.bands import MOST_PIXELS, rows_of
-from service.render.state import Tile
 from service.threads import side_by_side
+from service.tile import Tile
 from tests.service.render.conftest import VIEWS
 
 MODES = ({"mode": "lambert"}, {"mode": "normal"}, {"mode": "mask", "color": "#3366cc"})

@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.render import Accuracy, Antialias, RenderRequest, Shading, ShadingMode, Source
 from service.render.frame import FRAME, tiles_of
-from service.render.plan import SILHOUETTE, SURFACE, plan_frame
-from service.render.state import Tile
-from tests.service.render.made import clippable, unclippable
+from service.render.plan import plan_frame
+from service.rungs import SILHOUETTE, SURFACE
+from service.tile import Tile
+from tests.service.render.made import clippable, seen_from, unclippable
 
 OUTSIDE = np.array([3.0, 2.0, 4.0, 1.0])
 INSIDE = np.array([0.1, 0.0, 0.0, 1.0])
@@ -18,7 +19,8 @@ INSIDE = np.array([0.1, 0.0, 0.0, 1.0])
 
 def plan(asset=None, eye=OUTSIDE, mode="lambert", **accuracy):
     request = RenderRequest(accuracy=Accuracy(**accuracy), shading=Shading(mode=mode))
-    return plan_frame(request, asset or clippable("sphere"), eye)
+    asset = asset or clippable("sphere")
+    return plan_frame(request, asset, seen_from(asset, eye))
 
 
 def in_order(made):

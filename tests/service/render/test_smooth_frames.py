@@ -12,7 +12,7 @@ from service.render.frame import render_frame
 from service.render.plan import plan_frame
 from tests import meshes
 from tests.service.render.conftest import VIEWS
-from tests.service.render.made import clippable, prepared, unclippable
+from tests.service.render.made import clippable, prepared, seen_from, unclippable
 
 COARSE = {
     "sphere": lambda: meshes.sphere(2),
@@ -100,7 +100,7 @@ def test_mask_alone_is_the_alpha_of_the_picture(shown):
 
 def test_smooth_is_refused_where_there_is_no_silhouette_or_no_coverage():
     def plan(asset, eye=(3.0, 2.0, 4.0, 1.0), **accuracy):
-        return plan_frame(RenderRequest(accuracy=Accuracy(smooth=True, **accuracy)), asset, np.array(eye))
+        return plan_frame(RenderRequest(accuracy=Accuracy(smooth=True, **accuracy)), asset, seen_from(asset, np.array(eye)))
 
     for asset, eye in ((unclippable(), (3.0, 2.0, 4.0, 1.0)), (clippable("sphere"), (0.1, 0.0, 0.0, 1.0))):
         with pytest.raises(CapabilityError) as caught:
