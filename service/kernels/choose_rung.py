@@ -64,6 +64,7 @@ def choose_rung(table, size, costs, scale, terms, seen, wanted, hulls, free, lim
     antialias, level, hull, halvings), ANY for no wish. hulls: (usable (h,) bool: the eye is where it clips, least (h,) i4 halvings that
     the pixels show); free: whether hulls and coarser maps may be chosen from that were not asked for. limits: (most pixels of error,
     most that a level adds to it, budget in ms, least decibels), infinite or 0 for none.
+    A level so near to the eye that nothing can be said of its error is no choice.
     Better is what breaks the bound less, then what falls less short of the decibels, then what is less over the budget; of what is equal
     there, the most accurate where there is a budget, else the cheapest.
     """
@@ -92,8 +93,8 @@ def choose_rung(table, size, costs, scale, terms, seen, wanted, hulls, free, lim
                 continue
         error = alone_px[i, size]
         if beyond[i] > 0.0:
-            added = beyond[i] * seen[0] if beyond[i] < seen[1] else np.inf
-            if added > most_added:
+            added = beyond[i] * seen[0]
+            if not beyond[i] < seen[1] or added > most_added:
                 continue
             error += added
         ms = predicted(costs, scale, terms, i)

@@ -77,7 +77,7 @@ def choose(accuracy: Accuracy, asset: MeshAsset, view: View, terms: ViewTerms, c
         limits,
     )  # fmt: skip
     if number < 0:
-        raise CapabilityError(refusal or "the mesh has no such rung", field="accuracy")
+        raise CapabilityError("the eye is too near to this level for its error to be known", field="accuracy.level")
     return _choice(table, number, error_px, ms, size, accuracy, asset, scale, limited or free)
 
 

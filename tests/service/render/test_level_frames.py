@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from geometry.topology import build_edges
-from schemas.errors import InvalidRequestError
+from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.render import Accuracy, RenderRequest, Shading
+from service.camera import resolve_camera
 from service.render.frame import render_frame
-from service.silhouette.levels import SilhouetteLevel
+from service.render.plan import plan_frame
+from service.silhouette.levels import SilhouetteLevel, projected_px
 from tests.service.render.conftest import VIEWS
 from tests.service.render.made import clippable, grown, quiet
 from worker.distance import DistanceTo
@@ -52,7 +54,7 @@ def drawn(gpu, asset, max_error_px, camera, antialias="coverage", mode="lambert"
 def test_no_pixel_is_without_colour_however_far_the_outline_leaves_the_hull(gpu, view, antialias):
     asset = swollen("bumpy")
     exact = drawn(gpu, asset, None, VIEWS[view], antialias)
-    image = drawn(gpu, asset, 200.0, VIEWS[view], antialias)
+    image = drawn(gpu, asset, None, VIEWS[view], antialias, level=0)
     assert image.level is not None and image.level.error_px > 5.0
     beyond = (image.pixels[..., 3] > 0) & (exact.pixels[..., 3] == 0)
     assert beyond.sum() > 150
@@ -67,12 +69,15 @@ def test_the_outline_holds_the_exact_one_and_is_off_by_no_more_than_said(gpu, na
     asset = leveled(name)
     exact = drawn(gpu, asset, None, VIEWS[view], antialias)
     assert exact.level is None
-    for max_error_px in (1.5, 4.0, 40.0):
-        image = drawn(gpu, asset, max_error_px, VIEWS[view], antialias)
-        if image.level is None:
-            assert np.array_equal(image.pixels, exact.pixels)
+    seen = resolve_camera(RenderRequest(camera=VIEWS[view]).camera, asset.frame, 128, 128, asset.radius)
+    for level, its in enumerate(asset.levels):
+        if projected_px(seen, asset.corners, its.bound) == np.inf:
+            with pytest.raises(CapabilityError, match="too near"):
+                drawn(gpu, asset, None, VIEWS[view], antialias, level=level)
             continue
-        assert image.level.error_px < image.error_px <= max_error_px
+        image = drawn(gpu, asset, None, VIEWS[view], antialias, level=level)
+        assert image.level is not None and image.level.level is its
+        assert image.level.error_px < image.error_px
         mine, own = image.pixels[..., 3].astype(int), exact.pixels[..., 3].astype(int)
         if antialias == "coverage":
             assert (mine - own >= -1).all()
@@ -81,13 +86,15 @@ def test_the_outline_holds_the_exact_one_and_is_off_by_no_more_than_said(gpu, na
             assert np.hypot(np.maximum(np.abs(rows - y) - 2, 0), np.maximum(np.abs(columns - x) - 2, 0)).min() <= image.error_px
 
 
-def test_the_coarser_the_outline_may_be_the_fewer_faces_it_comes_from(gpu):
+def test_the_coarser_the_outline_may_be_the_fewer_faces_it_comes_from():
     asset = leveled("bumpy")
-    levels = [drawn(gpu, asset, px, VIEWS["orbit"]).level for px in (1e-3, 3.0, 8.0, 50.0)]
-    assert levels[0] is None
-    faces = [len(level.level.faces) for level in levels if level is not None]
+    view = resolve_camera(RenderRequest(camera=VIEWS["orbit"]).camera, asset.frame, 128, 128, asset.radius)
+    plans = [plan_frame(RenderRequest(accuracy=Accuracy(source="clipped", max_error_px=px)), asset, view) for px in (2e-3, 3.0, 8.0, 50.0)]
+    assert plans[0].level is None
+    faces = [len(plan.level.level.faces) for plan in plans if plan.level is not None]
     assert len(set(faces)) >= 2 and faces == sorted(faces, reverse=True)
     assert faces[-1] == len(asset.levels[-1].faces)
+    assert all(plan.error_px <= px for plan, px in zip(plans[1:], (3.0, 8.0, 50.0), strict=True))
 
 
 def test_an_error_that_the_rung_alone_exceeds_leaves_the_exact_outline(gpu):
@@ -108,7 +115,7 @@ def test_an_eye_beside_the_mesh_gets_the_exact_outline(gpu):
 
 def test_a_mask_can_be_a_levels(gpu):
     asset = swollen("bumpy")
-    image, exact = (drawn(gpu, asset, px, VIEWS["orbit"], mode="mask") for px in (200.0, None))
+    image, exact = (drawn(gpu, asset, None, VIEWS["orbit"], mode="mask", level=level) for level in (0, -1))
     assert (image.pixels[..., 3] > 0).sum() > 1.1 * (exact.pixels[..., 3] > 0).sum()
 
 
