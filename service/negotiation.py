@@ -16,6 +16,8 @@ IMAGE_TYPES = {
 }
 """Media type of each encoding, in the service's own order of preference."""
 
+JSON = "application/json"
+
 SUFFIXES = {"png": ImageFormat.PNG, "webp": ImageFormat.WEBP, "jpg": ImageFormat.JPEG}
 """File name endings of image addresses."""
 
@@ -39,6 +41,11 @@ def image_format(accept: str | None) -> ImageFormat:
     """The image encoding a client wants by its Accept header; PNG when it does not care."""
     media = choose(accept, list(IMAGE_TYPES.values()))
     return next(form for form, name in IMAGE_TYPES.items() if name == media)
+
+
+def wants_json(accept: str | None) -> bool:
+    """Whether a client that could have a picture would rather have JSON. Raises HTTPException 406 when it wants neither."""
+    return choose(accept, [*IMAGE_TYPES.values(), JSON]) == JSON
 
 
 def _media_range(item: str) -> tuple[str, float]:

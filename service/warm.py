@@ -42,6 +42,7 @@ from schemas.scene import Parts, SceneObject, SceneRequest
 from service.assets import MeshAsset, load_asset
 from service.camera import resolve_camera
 from service.hulls import Side, hull_file
+from service.render.calibration import calibrate
 from service.render.renderer import Renderer
 from service.scene.draw import drawing_of
 from service.scene.plan import plan_scene
@@ -77,8 +78,24 @@ WAYS = (
 
 
 def warm_in_background(renderer: Renderer) -> None:
-    """Warm in a thread that ends with the process at the latest."""
-    threading.Thread(target=warm, args=(renderer,), name="warm", daemon=True).start()
+    """Warm and calibrate in a thread that ends with the process at the latest."""
+
+    def both() -> None:
+        warm(renderer)
+        calibrate_costs(renderer)
+
+    threading.Thread(target=both, name="warm", daemon=True).start()
+
+
+def calibrate_costs(renderer: Renderer) -> None:
+    """Find what this device takes; where it is too busy for that, frames are predicted from nominal costs and what they take."""
+    clock = Stopwatch()
+    try:
+        renderer.costs.recalibrate(calibrate(renderer.submit))
+    except (SilhouetteError, CancelledError) as error:
+        log.info("not calibrated: %s", error)
+    else:
+        log.info("calibrated", extra={"device": renderer.costs.device, "seconds": round(clock.ms() / 1e3, 2)})
 
 
 def warm(renderer: Renderer) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from schemas.errors import BusyError
 from schemas.render import RenderRequest
 from service.assets import MeshAsset
+from service.costs import CostModel
 from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
 
@@ -48,6 +49,7 @@ class Renderer:
         self._open = False
         self._lock = threading.Lock()
         self._typical_s = FIRST_GUESS_S
+        self._costs: CostModel | None = None
 
     def start(self) -> None:
         """Make the context and begin to draw. Raises EglUnavailableError."""
@@ -56,6 +58,13 @@ class Renderer:
         self._thread.start()
         ready.result()
         self._open = True
+
+    @property
+    def costs(self) -> CostModel:
+        """What frames cost here. Raises BusyError before the renderer runs."""
+        if self._costs is None:
+            raise BusyError("the renderer is not running")
+        return self._costs
 
     def close(self) -> None:
         """Finish the frame under way, cancel those that wait, give the context back."""
@@ -99,6 +108,7 @@ class Renderer:
         except Exception as error:
             ready.set_exception(error)
             return
+        self._costs = gpu.costs
         ready.set_result(None)
         while (job := self._jobs.get()) is not None:
             self._serve(gpu, job)

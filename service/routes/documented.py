@@ -23,7 +23,10 @@ PROBLEMS = {
 IMAGE_HEADERS: dict[str, Any] = {
     "Server-Timing": {"schema": {"type": "string"}, "description": "milliseconds of each pass"},
     "X-Plan": {"schema": {"type": "string"}, "description": "the passes that ran, in order"},
-    "X-Accuracy": {"schema": {"type": "string"}, "description": "rung of the ladder, and its error in pixels"},
+    "X-Accuracy": {
+        "schema": {"type": "string"},
+        "description": "rung of the ladder, its error in pixels and what that rests on, and what was asked and could not be kept",
+    },
     "ETag": {"schema": {"type": "string"}},
 }
 
@@ -35,10 +38,12 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return {status: {"description": PROBLEMS[status], "content": {PROBLEM_JSON: {"schema": _problem_schema()}}} for status in statuses}
 
 
-def image_answer(*media_types: str) -> dict[int | str, dict[str, Any]]:
-    """OpenAPI answer of a route that gives a picture."""
+def image_answer(*media_types: str, plan: type[BaseModel] | None = None) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI answer of a route that gives a picture, or how it would make it."""
     binary = {"schema": {"type": "string", "format": "binary"}}
-    described = {"description": "The picture", "content": dict.fromkeys(media_types, binary), "headers": IMAGE_HEADERS}
+    content: dict[str, Any] = dict.fromkeys(media_types, binary)
+    content |= {} if plan is None else {"application/json": {"schema": plan.model_json_schema()}}
+    described = {"description": "The picture", "content": content, "headers": IMAGE_HEADERS}
     return {200: described, 304: {"description": "The client has it already"}}
 
 

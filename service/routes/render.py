@@ -9,10 +9,12 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
 from schemas.errors import NotFoundError
+from schemas.plan import PlanReport
 from schemas.render import ImageFormat, RenderRequest
 from service.caching import IMMUTABLE, REVALIDATE, entity_tag, not_modified
-from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format
+from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format, wants_json
 from service.render.encode import encode
+from service.render.explain import explain as explain_plan
 from service.render.renderer import RenderedImage
 from service.routes.documented import image_answer, problems
 from service.silhouette.levels import rounded_up
@@ -26,11 +28,26 @@ PICTURES: dict[str, Any] = {
     "response_class": Response,
     "responses": image_answer(*IMAGE_TYPES.values()) | problems(404, 406, 409, 422, 503),
 }
+PICTURES_AND_PLANS: dict[str, Any] = {
+    "response_class": Response,
+    "responses": image_answer(*IMAGE_TYPES.values(), plan=PlanReport) | problems(404, 406, 409, 422, 503),
+}
 
 
-@router.post("/render", **PICTURES)
-async def render(mesh_id: str, body: RenderRequest, request: Request, parts: Parts) -> Response:
-    """One picture. The encoding is `format`, else what Accept asks for, else PNG; raw is RGBA, 4 bytes a pixel, top row first."""
+@router.post("/render", **PICTURES_AND_PLANS)
+async def render(
+    mesh_id: str,
+    body: RenderRequest,
+    request: Request,
+    parts: Parts,
+    explain: Annotated[bool, Query(description="answer with the plan, its reasons and its predicted cost; nothing is drawn")] = False,
+) -> Response:
+    """One picture. The encoding is `format`, else what Accept asks for, else PNG; raw is RGBA, 4 bytes a pixel, top row first.
+
+    With `?explain=true`, or `Accept: application/json`, the plan instead of the picture.
+    """
+    if explain or (body.format is None and wants_json(request.headers.get("accept"))):
+        return await _plan(mesh_id, body, request, parts)
     wanted = body if body.format else body.model_copy(update={"format": image_format(request.headers.get("accept"))})
     return await _picture(mesh_id, wanted, request, parts, REVALIDATE)
 
@@ -78,6 +95,18 @@ async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts:
     return Response(body, headers=headers, media_type=IMAGE_TYPES[encoding])
 
 
+async def _plan(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services) -> Response:
+    """What `wanted` would do. The costs change as frames are drawn: not to be kept."""
+    manifest = await to_thread.run_sync(parts.meshes.manifest, mesh_id)
+
+    def planned() -> PlanReport:
+        return explain_plan(wanted, parts.assets.get(manifest), parts.renderer.costs)
+
+    report = await wait_for(request, parts.cpu.submit(planned), parts.settings.render_timeout_s)
+    body = report.model_dump_json(exclude_none=True)
+    return Response(body, headers={"Cache-Control": "no-store", "Vary": "Accept"}, media_type="application/json")
+
+
 def picture_headers(
     image: RenderedImage, *, before: Sequence[tuple[str, float]] = (), after: Sequence[tuple[str, float]] = ()
 ) -> dict[str, str]:
@@ -93,8 +122,12 @@ def picture_headers(
 
 
 def _error(image: RenderedImage) -> str:
-    """How far the outline may be off, where that is known, and what it was taken from instead of the mesh; rounded up."""
-    error = "" if image.error_px is None else f"; error_px={rounded_up(image.error_px)}"
-    if image.level is None:
-        return error
-    return f"{error}; level_faces={len(image.level.level.faces)}; level_error_px={rounded_up(image.level.error_px)}"
+    """How far the outline may be off, what that rests on, what was drawn instead of the mesh, and what could not be kept."""
+    told = [] if image.error_px is None else [f"error_px={rounded_up(image.error_px)}"]
+    plan = image.planned
+    if plan is not None:
+        told += [] if image.error_px is None else [f"bound={plan.choice.bound}"]
+        if plan.level is not None:
+            told += [f"level_faces={len(plan.level.level.faces)}", f"level_error_px={rounded_up(plan.level.error_px)}"]
+        told += [f"missed={'+'.join(plan.choice.missed)}"] if plan.choice.missed else []
+    return "".join(f"; {item}" for item in told)
