@@ -16,12 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.conventions import F8
+from schemas.ladder import RungAtSize, RungKey
 from schemas.render import Antialias, Source
 from service.assets import MeshAsset
 from service.kernels.choose_rung import TERMS, predicted
-from service.rungs import Rung, passes_of
+from service.rungs import OUTLINE_ERROR_PX, Rung, passes_of
 
-FIXED, EDGES, FACES, AREA, SIDE, IMAGE, SAMPLES = "fixed", "edges", "faces", "area", "side", "image", "samples"
+FIXED, EDGES, FACES, AREA, SIDE, IMAGE, SAMPLES, BEYOND = "fixed", "edges", "faces", "area", "side", "image", "samples", "beyond"
 
 TERMS_OF: dict[str, tuple[str, ...]] = {
     "frame": (FIXED,),
@@ -33,7 +34,7 @@ TERMS_OF: dict[str, tuple[str, ...]] = {
     "clear": (FIXED, SAMPLES),
     "stencil": (FIXED, EDGES, AREA),
     "surface": (FIXED, FACES, SAMPLES),
-    "rim": (FIXED, FACES, SIDE),
+    "rim": (FIXED, FACES, SIDE, BEYOND),
     "outline": (FIXED, EDGES, SIDE),
     "interior": (FIXED, AREA),
     "coverage": (FIXED, EDGES, SIDE),
@@ -43,7 +44,7 @@ TERMS_OF: dict[str, tuple[str, ...]] = {
 }
 """Pass -> what its time grows with. `frame` is what lies between the passes."""
 
-FACTOR_GAINS = (0.05, 0.1, 0.3)
+FACTOR_GAINS = (0.1, 0.1, 0.5)
 """How much of what a prediction was off by goes to the device's factor, the mesh's and the rung's."""
 FIRST_FRAMES = 3
 """Frames of a rung that count more."""
@@ -67,8 +68,8 @@ NOMINAL: dict[str, dict[str, float]] = {
     "cpu/surface": {FIXED: 0.032, FACES: 1.1e-4, SAMPLES: 7.1e-7},
     "clipped/surface": {FIXED: 0.18, FACES: 4.6e-4, SAMPLES: 1.4e-5},
     "original/surface": {FIXED: 0.33, FACES: 1.6e-4, SAMPLES: 5.6e-6},
-    "cpu/rim": {FIXED: 0.01, FACES: 8.5e-6, SIDE: 2.2e-5},
-    "clipped/rim": {FIXED: 0.14, FACES: 1.2e-4, SIDE: 8.4e-4},
+    "cpu/rim": {FIXED: 0.01, FACES: 8.5e-6, SIDE: 2.2e-5, BEYOND: 2.0e-4},
+    "clipped/rim": {FIXED: 0.14, FACES: 1.2e-4, SIDE: 8.4e-4, BEYOND: 8.0e-4},
     "original/rim": {FIXED: 0.44, FACES: 1.1e-5, SIDE: 1.5e-4},
     "outline": {FIXED: 0.04, EDGES: 8.7e-4, SIDE: 3.3e-4},
     "interior": {FIXED: 0.052, AREA: 2.2e-6},
@@ -94,10 +95,13 @@ def kind_of(source: Source, antialias: Antialias, name: str) -> str:
 
 @dataclass(frozen=True)
 class ViewTerms:
-    """What a view adds to a cost. area_px: pixels of the rectangle that is drawn, image_px: of the image."""
+    """What a view adds to a cost. area_px: pixels of the rectangle that is drawn, image_px: of the image; beyond_px: by which the level
+    that stands for the mesh is beyond it.
+    """
 
     area_px: float
     image_px: float
+    beyond_px: float = 0.0
 
 
 class _MeshCosts:
@@ -142,25 +146,26 @@ class CostModel:
         return kept
 
     def terms(self, asset: MeshAsset, view: ViewTerms) -> F8:
-        """(TERMS,) f8 that costs are multiplied with."""
+        """(TERMS - 1,) f8 that costs are multiplied with."""
         return _terms(self.of(asset).edges, view)
 
     def frame_ms(self, asset: MeshAsset, number: int, view: ViewTerms) -> float:
         """Predicted milliseconds of a frame of the mesh on its rung of that number."""
         mesh = self.of(asset)
-        return float(predicted(mesh.costs, mesh.scale, _terms(mesh.edges, view), number))
+        return float(predicted(mesh.costs, mesh.scale, _terms(mesh.edges, view), view.beyond_px, number))
 
     def pass_ms(self, asset: MeshAsset, number: int, passes: Iterable[str], view: ViewTerms) -> dict[str, float]:
         """The same, pass by pass."""
         mesh = self.of(asset)
         rung = mesh.table.rungs[number]
         terms = _terms(mesh.edges, view)
+        terms = np.append(terms, view.beyond_px * terms[3])
         return {name: float(self._row(asset, rung, [name]) @ terms * mesh.scale[number]) for name in passes}
 
     def observe(self, asset: MeshAsset, number: int, view: ViewTerms, ms: float, edges: int | None) -> None:
         """Learn from a frame: what it took, and how many silhouette edges of the mesh it met (None where it took them from elsewhere)."""
         mesh = self.of(asset)
-        guess = float(predicted(mesh.costs, mesh.scale, _terms(mesh.edges, view), number))
+        guess = float(predicted(mesh.costs, mesh.scale, _terms(mesh.edges, view), view.beyond_px, number))
         if edges:
             mesh.edges += (0.1 if mesh.frames.any() else 1.0) * (edges - mesh.edges)
         if not (guess > 0.0 and ms > 0.0):
@@ -196,7 +201,7 @@ class CostModel:
             off = []
             for at in measured[key.label].sizes:
                 terms = _terms(facts[at.size].silhouette_edges, ViewTerms(facts[at.size].area_px, float(at.size**2)))
-                guess = float(mesh.costs[number] @ terms)
+                guess = float(mesh.costs[number, : TERMS - 1] @ terms) + mesh.costs[number, TERMS - 1] * _added_px(at, key) * terms[3]
                 if guess > 0.0 and at.frame.p50_ms > 0.0:
                     off.append(math.log(at.frame.p50_ms / guess))
             if off:
@@ -204,7 +209,7 @@ class CostModel:
                 mesh.frames[number] = 1
 
     def _row(self, asset: MeshAsset, rung: Rung, passes: Iterable[str]) -> F8:
-        """(TERMS,) f8: milliseconds for each of 1, edges, area, its root, image."""
+        """(TERMS,) f8: milliseconds for each of the terms of `choose_rung`."""
         faces = float(len(asset.faces) if rung.hull is None else asset.hulls[rung.hull].faces)
         outline = 1.0 if rung.level is None else math.sqrt(len(asset.levels[rung.level].faces) / max(1, len(asset.faces)))
         row = np.zeros(TERMS)
@@ -215,11 +220,17 @@ class CostModel:
             row[2] += c.get(AREA, 0.0) + c.get(SAMPLES, 0.0) * GRID.get(rung.antialias, 1) ** 2
             row[3] += c.get(SIDE, 0.0)
             row[4] += c.get(IMAGE, 0.0)
+            row[5] += c.get(BEYOND, 0.0)
         return row
 
 
 def _terms(edges: float, view: ViewTerms) -> F8:
     return np.array([1.0, edges, view.area_px, math.sqrt(view.area_px), view.image_px])
+
+
+def _added_px(at: RungAtSize, key: RungKey) -> float:
+    """By how many pixels the level of a measured rung was beyond the mesh."""
+    return 0.0 if key.level is None or at.bound_px is None else max(0.0, at.bound_px - OUTLINE_ERROR_PX[key.antialias])
 
 
 def _usual_edges(asset: MeshAsset) -> float:

@@ -9,8 +9,9 @@ ANY = -2
 """Of a wanted code: whatever it is."""
 ORIGINAL, COVERAGE = 0, 4
 """Codes of `service.rungs.SOURCES` and `ANTIALIASES` that rules are about."""
-TERMS = 5
-"""Of a cost: 1, silhouette edges, pixels drawn, the root of these, pixels of the image."""
+TERMS = 6
+"""Of a cost: 1, silhouette edges, pixels drawn, the root of these, pixels of the image, and that root times the pixels by which a level
+is beyond the mesh, which is left to the kernels."""
 
 
 @njit(cache=True, nogil=True)
@@ -47,10 +48,10 @@ def pixels_per_unit(pixels, corners, width, height):
 
 
 @njit(cache=True, nogil=True)
-def predicted(costs, scale, terms, i):
-    """Milliseconds of rung i: costs (n, TERMS) f8 for each of terms (TERMS,) f8, times scale (n,) f8."""
-    total = 0.0
-    for j in range(TERMS):
+def predicted(costs, scale, terms, added_px, i):
+    """Milliseconds of rung i: costs (n, TERMS) f8 for each of terms (TERMS - 1,) f8, times scale (n,) f8; added_px: of its level."""
+    total = costs[i, TERMS - 1] * added_px * terms[3]
+    for j in range(TERMS - 1):
         total += costs[i, j] * terms[j]
     return total * scale[i]
 
@@ -91,13 +92,13 @@ def choose_rung(table, size, costs, scale, terms, seen, wanted, hulls, free, lim
                     continue
             elif halvings[i] < least[hull[i]] or (not free and halvings[i] > least[hull[i]]):
                 continue
-        error = alone_px[i, size]
+        error, added = alone_px[i, size], 0.0
         if beyond[i] > 0.0:
             added = beyond[i] * seen[0]
             if not beyond[i] < seen[1] or added > most_added:
                 continue
             error += added
-        ms = predicted(costs, scale, terms, i)
+        ms = predicted(costs, scale, terms, added, i)
         key[0] = max(0.0, error - most_px)
         key[1] = max(0.0, decibels - psnr[i, size])
         key[2] = max(0.0, ms - budget)

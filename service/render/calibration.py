@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +16,11 @@ from schemas.conventions import F4, I4, Array, Frame
 from schemas.mesh import Capability
 from schemas.render import Accuracy, RenderRequest, Source
 from service.assets import MeshAsset
-from service.costs import AREA, EDGES, FACES, FIXED, IMAGE, SAMPLES, SIDE, TERMS_OF, kind_of
+from service.costs import AREA, BEYOND, EDGES, FACES, FIXED, IMAGE, SAMPLES, SIDE, TERMS_OF, kind_of
 from service.render.frame import RenderedImage
 from service.rungs import SURFACE
 from service.silhouette.extract import SilhouetteTree
+from service.silhouette.levels import SilhouetteLevel
 
 Submit = Callable[[MeshAsset, RenderRequest], Future[RenderedImage]]
 SPHERES = ((3, 2), (6, 3))
@@ -29,6 +31,9 @@ FRAMES = 2
 TEXELS = 256
 HULL_SIZE = 1.1
 """The hull is so much larger than the sphere that its faces lie outside."""
+
+FOLDS = 8.0
+"""Outlines of hulls are so many times as long as a sphere's, folds inside included."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +57,15 @@ def calibrate(submit: Submit) -> dict[str, dict[str, float]]:
 
 
 def sphere(level: int, of_hull: int) -> MeshAsset:
-    """A clippable sphere of 8 * 4^level faces under a hull of 8 * 4^of_hull, not stored anywhere. Its tree is a single node."""
+    """A clippable sphere of 8 * 4^level faces under a hull of 8 * 4^of_hull, which is its level too.
+
+    It is not stored; its trees are single nodes.
+    """
     positions, faces = octasphere(level)
     hull_positions, hull_faces = octasphere(of_hull)
-    edges = build_edges(faces)
-    mesh: dict[str, Array] = {"positions": positions, "faces": faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
-    count = len(edges.vertices)
-    tree: dict[str, Array] = {name: np.zeros((1, 3), np.float32) for name in ("scaled_normal", "front_anchor", "back_anchor")}
-    tree |= {"separation": np.zeros(1, np.float32), "skip": np.array([1], np.int32), "edge_index": np.arange(count, dtype=np.int32)}
-    tree |= {"edge_start": np.array([0, count], np.int32)}
+    hull_normals, hull_positions = hull_positions, hull_positions * np.float32(HULL_SIZE)
+    mesh, tree = _searched(positions, faces)
+    hull, hull_tree = _searched(hull_positions, hull_faces)
     return MeshAsset(
         id=f"sphere of {len(faces)} faces",
         frame=Frame((0.0, 0.0, 0.0), 1.0),
@@ -68,12 +73,23 @@ def sphere(level: int, of_hull: int) -> MeshAsset:
         faces=faces,
         normals=positions,
         appearance=None,
-        edges=(edges.vertices, edges.faces),
-        hull={"positions": hull_positions * np.float32(HULL_SIZE), "faces": hull_faces, "normals": hull_positions},
+        edges=(mesh["edge_vertices"], mesh["edge_faces"]),
+        hull={"positions": hull_positions, "faces": hull_faces, "normals": hull_normals},
         maps={"tile_uv": _tiles(len(hull_faces)), "normal": np.full((TEXELS, TEXELS, 3), 200, np.uint8)},
         tree=SilhouetteTree(mesh, tree),
         clip=Capability(available=True),
+        levels=(SilhouetteLevel(hull | {"bound": np.array([HULL_SIZE - 1.0])}, hull_tree),),
     )
+
+
+def _searched(positions: F4, faces: I4) -> tuple[dict[str, Any], dict[str, Array]]:
+    """(tensors of a closed mesh, of its tree) of a surface, as `SilhouetteTree` takes them."""
+    edges = build_edges(faces)
+    mesh: dict[str, Any] = {"positions": positions, "faces": faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
+    count = len(edges.vertices)
+    tree: dict[str, Array] = {name: np.zeros((1, 3), np.float32) for name in ("scaled_normal", "front_anchor", "back_anchor")}
+    tree |= {"separation": np.zeros(1, np.float32), "skip": np.array([1], np.int32), "edge_index": np.arange(count, dtype=np.int32)}
+    return mesh, tree | {"edge_start": np.array([0, count], np.int32)}
 
 
 def octasphere(level: int) -> tuple[F4, I4]:
@@ -103,8 +119,8 @@ def _tiles(faces: int) -> F4:
 def _requests() -> Iterator[RenderRequest]:
     for side in SIDES_PX:
         for source, antialias in SURFACE:
-            accuracy = Accuracy(source=source, antialias=antialias, level=-1 if source is Source.CLIPPED else None)
-            yield RenderRequest(width=side, height=side, accuracy=accuracy)
+            for level in (-1, 0) if source is Source.CLIPPED else (None,):
+                yield RenderRequest(width=side, height=side, accuracy=Accuracy(source=source, antialias=antialias, level=level))
 
 
 def _samples(asset: MeshAsset, request: RenderRequest, images: list[RenderedImage]) -> Iterator[tuple[str, _Sample]]:
@@ -116,6 +132,7 @@ def _samples(asset: MeshAsset, request: RenderRequest, images: list[RenderedImag
     terms = {
         FIXED: 1.0, EDGES: float(first.edges), FACES: float(faces), AREA: float(area), SIDE: area**0.5,
         IMAGE: float(request.width * request.height), SAMPLES: float(area * plan.sample_grid**2),
+        BEYOND: 0.0 if plan.level is None else plan.level.error_px * area**0.5,
     }  # fmt: skip
     for name in first.plan:
         ms = statistics.median(dict(image.passes)[name] for image in images)
@@ -133,4 +150,7 @@ def _fitted(name: str, samples: list[_Sample]) -> dict[str, float]:
     matrix = np.array([[sample.terms[term] for term in names] for sample in samples]) / times[:, None]
     size = np.abs(matrix).max(axis=0)
     found, _ = nnls(matrix / size, np.ones(len(samples)))
-    return {term: float(value) for term, value in zip(names, found / size, strict=True) if value > 0.0}
+    coefficients = {term: float(value) for term, value in zip(names, found / size, strict=True) if value > 0.0}
+    if BEYOND in coefficients:
+        coefficients[BEYOND] *= FOLDS
+    return coefficients

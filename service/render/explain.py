@@ -17,7 +17,7 @@ def explain(request: RenderRequest, asset: MeshAsset, costs: CostModel) -> PlanR
     view = resolve_camera(request.camera, asset.frame, request.width, request.height, asset.radius)
     plan = plan_frame(request, asset, view, costs)
     choice, names = plan.choice, [step.name for step in FRAME if step.name in plan.passes]
-    terms = ViewTerms(plan.area.pixels, view.width * view.height)
+    terms = ViewTerms(plan.area.pixels, view.width * view.height, 0.0 if plan.level is None else plan.level.error_px)
     costs_ms = costs.pass_ms(asset, choice.number, names, terms)
     others = [step.name for step in FRAME if step.name not in plan.passes]
     level = None if plan.level is None else len(plan.level.level.faces)

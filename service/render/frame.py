@@ -140,7 +140,7 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
     ms = (time.perf_counter() - start) * 1e3
     if frame.area.width and plan.mode is not ShadingMode.MASK and not plan.smooth:
         edges = len(frame.edges) if plan.level is None and "edges" in plan.passes else None
-        terms = ViewTerms(plan.area.pixels, view.width * view.height)
+        terms = ViewTerms(plan.area.pixels, view.width * view.height, 0.0 if plan.level is None else plan.level.error_px)
         gpu.costs.observe(asset, plan.choice.number, terms, ms, edges)
     passes = tuple(times.ms.items())
     return RenderedImage(frame.image, passes, tuple(times.ms), plan.rung, plan.error_px, frame.area, plan, len(frame.edges), ms)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,7 +47,8 @@ def best_by_trying(asset, view, costs, accuracy):
     free = accuracy.budget_ms is not None or accuracy.min_psnr_db is not None
     found = []
     for number, rung in enumerate(table.rungs):
-        error, ms = error_of(asset, view, number, size), costs.frame_ms(asset, number, terms)
+        error = error_of(asset, view, number, size)
+        ms = costs.frame_ms(asset, number, replace(terms, beyond_px=error - table.alone_px[number, size]))
         if accuracy.source not in (Source.AUTO, rung.source) or accuracy.antialias not in (Antialias.AUTO, rung.antialias):
             continue
         if rung.hull is not None:

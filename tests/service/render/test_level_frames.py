@@ -12,6 +12,7 @@ from geometry.topology import build_edges
 from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.render import Accuracy, RenderRequest, Shading
 from service.camera import resolve_camera
+from service.costs import CostModel
 from service.render.frame import render_frame
 from service.render.plan import plan_frame
 from service.silhouette.levels import SilhouetteLevel, projected_px
@@ -89,7 +90,9 @@ def test_the_outline_holds_the_exact_one_and_is_off_by_no_more_than_said(gpu, na
 def test_the_coarser_the_outline_may_be_the_fewer_faces_it_comes_from():
     asset = leveled("bumpy")
     view = resolve_camera(RenderRequest(camera=VIEWS["orbit"]).camera, asset.frame, 128, 128, asset.radius)
-    plans = [plan_frame(RenderRequest(accuracy=Accuracy(source="clipped", max_error_px=px)), asset, view) for px in (2e-3, 3.0, 8.0, 50.0)]
+    asked = [RenderRequest(accuracy=Accuracy(source="clipped", max_error_px=px)) for px in (2e-3, 3.0, 8.0, 50.0)]
+    costs = CostModel("where edges are all that costs", {"edges": {"edges": 1.0}})
+    plans = [plan_frame(request, asset, view, costs) for request in asked]
     assert plans[0].level is None
     faces = [len(plan.level.level.faces) for plan in plans if plan.level is not None]
     assert len(set(faces)) >= 2 and faces == sorted(faces, reverse=True)
