@@ -6,7 +6,7 @@ from schemas.plan import PlannedArea, PlannedPass, PlanReport
 from schemas.render import Accuracy, Antialias, RenderRequest, ShadingMode, Source
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
-from service.costs import CostModel, ViewTerms
+from service.costs import CostModel
 from service.render.choice import why_not_clipped
 from service.render.frame import FRAME
 from service.render.plan import Plan, plan_frame
@@ -17,8 +17,7 @@ def explain(request: RenderRequest, asset: MeshAsset, costs: CostModel) -> PlanR
     view = resolve_camera(request.camera, asset.frame, request.width, request.height, asset.radius)
     plan = plan_frame(request, asset, view, costs)
     choice, names = plan.choice, [step.name for step in FRAME if step.name in plan.passes]
-    terms = ViewTerms(plan.area.pixels, view.width * view.height, 0.0 if plan.level is None else plan.level.error_px)
-    costs_ms = costs.pass_ms(asset, choice.number, names, terms)
+    costs_ms = costs.pass_ms(asset, choice.number, names, plan.terms(view))
     others = [step.name for step in FRAME if step.name not in plan.passes]
     level = None if plan.level is None else len(plan.level.level.faces)
     return PlanReport(

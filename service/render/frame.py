@@ -10,7 +10,6 @@ from schemas.conventions import U1
 from schemas.render import RenderRequest, ShadingMode
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
-from service.costs import ViewTerms
 from service.render.bands import draw_in_bands
 from service.render.passes.background import make_background
 from service.render.passes.clear import clear_target
@@ -140,8 +139,7 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
     ms = (time.perf_counter() - start) * 1e3
     if frame.area.width and plan.mode is not ShadingMode.MASK and not plan.smooth:
         edges = len(frame.edges) if plan.level is None and "edges" in plan.passes else None
-        terms = ViewTerms(plan.area.pixels, view.width * view.height, 0.0 if plan.level is None else plan.level.error_px)
-        gpu.costs.observe(asset, plan.choice.number, terms, ms, edges)
+        gpu.costs.observe(asset, plan.choice.number, plan.terms(view), ms, edges)
     passes = tuple(times.ms.items())
     return RenderedImage(frame.image, passes, tuple(times.ms), plan.rung, plan.error_px, frame.area, plan, len(frame.edges), ms)
 

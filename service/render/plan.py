@@ -58,6 +58,10 @@ class Plan:
         """What the outline is taken from, None for the mesh."""
         return self.choice.level
 
+    def terms(self, view: View) -> ViewTerms:
+        """What the view adds to its cost."""
+        return ViewTerms(self.area.pixels, view.width * view.height, 0.0 if self.level is None else self.level.error_px)
+
     @property
     def on_cpu(self) -> bool:
         """Whether the picture needs no GL at all: the exact mask alone, or over the hull (`bands`)."""
@@ -91,12 +95,9 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
     accuracy, mode = request.accuracy, request.shading.mode
     if accuracy.smooth:
         accuracy = _smoothed(accuracy, asset, view.eye)
-    area = visible_area(asset, 0 if asset.hulls else None, view)
-    terms = ViewTerms(area.pixels, view.width * view.height)
-    choice = choose(accuracy, asset, view, terms, costs or _NOMINAL)
+    area = visible_area(asset, view)
+    choice = choose(accuracy, asset, view, ViewTerms(area.pixels, view.width * view.height), costs or _NOMINAL)
     source, antialias = choice.rung.source, choice.rung.antialias
-    if area.width and choice.rung.hull != (0 if asset.hulls else None):
-        area = visible_area(asset, choice.rung.hull, view)
     if not area.width:
         passes = ALWAYS
     elif mode is ShadingMode.MASK and is_outlined(source, antialias):
@@ -109,9 +110,12 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
     return Plan(choice, mode, passes, closed, area, accuracy.smooth)
 
 
-def visible_area(asset: MeshAsset, hull: int | None, view: View) -> Tile:
-    """The part of the image that can have anything of a hull, or the mesh (None), in it; empty (no width) when none can."""
-    points = asset.corners if hull is None else asset.hulls[hull].hull["positions"]
+def visible_area(asset: MeshAsset, view: View) -> Tile:
+    """The part of the image that can have anything of the mesh in it; empty (no width) when none can.
+
+    Whatever is drawn, the mesh is inside its hull, whose vertices bound it better than a box does.
+    """
+    points = asset.corners if asset.hull is None else asset.hull["positions"]
     kind, x0, y0, x1, y1 = screen_bounds(view.matrix, points, view.width, view.height, BORDER)
     whole = Tile(0, 0, view.width, view.height)
     if kind == SOME:

@@ -337,3 +337,36 @@ def test_a_picture_within_an_error_says_which_surface_its_outline_is_of(http, kn
     assert told["bound"] == "certified"
     assert exact.headers["etag"] != coarse.headers["etag"]
     assert (pixels(coarse)[..., 3].astype(int) >= pixels(exact)[..., 3].astype(int) - 1).all()
+
+
+def test_a_plan_can_be_had_instead_of_the_picture(http, knot):
+    address = f"/v1/meshes/{knot.id}/render"
+    asked = http.post(address, params={"explain": "true"}, json={"accuracy": {"max_error_px": 1.0}})
+    by_accept = http.post(address, headers={"accept": "application/json"}, json={"accuracy": {"max_error_px": 1.0}})
+    for answer in (asked, by_accept):
+        assert answer.headers["content-type"] == "application/json"
+        assert answer.headers["cache-control"] == "no-store"
+        report = answer.json()
+        assert report["passes"][0]["name"] == "background"
+        assert all(one["why"] and one["predicted_ms"] > 0.0 for one in report["passes"])
+        assert report["error_px"] <= 1.0 and report["device"]
+    picture = http.post(address, headers={"accept": "application/json, */*"}, json={})
+    assert picture.headers["content-type"] == "image/png"
+    encoded = http.post(address, headers={"accept": "application/json"}, json={"format": "webp"})
+    assert encoded.headers["content-type"] == "image/webp"
+
+
+def test_a_plan_of_a_request_that_cannot_be_kept_is_refused_as_the_picture_is(http, knot):
+    for params in ({}, {"explain": "true"}):
+        refused = http.post(f"/v1/meshes/{knot.id}/render", params=params, json={"accuracy": {"level": 99}})
+        assert refused.status_code == 422
+        assert "levels" in refused.json()["detail"]
+
+
+def test_a_budget_is_met_or_said_to_be_missed(http, knot):
+    address = f"/v1/meshes/{knot.id}/render"
+    roomy = http.post(address, json={"width": 128, "height": 128, "accuracy": {"budget_ms": 10_000}})
+    assert "missed" not in roomy.headers["x-accuracy"]
+    tight = http.post(address, json={"width": 128, "height": 128, "accuracy": {"budget_ms": 0.001, "max_error_px": 0.1}})
+    told = dict(item.split("=") for item in tight.headers["x-accuracy"].split("; "))
+    assert told["missed"] == "budget_ms" and float(told["error_px"]) <= 0.1

@@ -42,7 +42,7 @@ def error_of(asset, view, number, size):
 def best_by_trying(asset, view, costs, accuracy):
     """Number of the best rung, from the rules as the API states them, one rung after the other."""
     table, size = asset.rungs, asset.rungs.nearest_size(math.sqrt(view.width * view.height))
-    terms = ViewTerms(visible_area(asset, 0, view).pixels, view.width * view.height)
+    terms = ViewTerms(visible_area(asset, view).pixels, view.width * view.height)
     scale = projected_px(view, asset.corners, 1.0) if np.isfinite(projected_px(view, asset.corners, 1e-9)) else math.inf
     free = accuracy.budget_ms is not None or accuracy.min_psnr_db is not None
     found = []
