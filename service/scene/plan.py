@@ -84,15 +84,22 @@ def plan_scene(request: SceneRequest, assets: Sequence[MeshAsset]) -> ScenePlan:
 def _layers(request: SceneRequest, seen: list[Placed], camera: View, around: Frame) -> list[Layer]:
     if request.accuracy.source is Source.ORIGINAL and request.accuracy.antialias in UNMASKED and len(seen) > 1:
         return [_together(request, seen, around, ASKED)]
-    layers = []
+    layers, each = [], _share_of(request.accuracy, len(seen))
     for group in sort_groups(seen, camera.eye, around):
         members = [seen[m] for m in group.members]
-        layers.append(_alone(request, members[0]) if len(members) == 1 else _together(request, members, around, _reason(group)))
+        layers.append(_alone(request, members[0], each) if len(members) == 1 else _together(request, members, around, _reason(group)))
     return layers
 
 
-def _alone(request: SceneRequest, placed: Placed) -> Layer:
-    part = Part(placed.index, placed.asset, _of_object(request, placed.index, request.accuracy), placed.view)
+def _share_of(accuracy: Accuracy, objects: int) -> Accuracy:
+    """An object's part of a budget that is for all of them; a bound is for each."""
+    if accuracy.budget_ms is None or objects < 2:
+        return accuracy
+    return accuracy.model_copy(update={"budget_ms": accuracy.budget_ms / objects})
+
+
+def _alone(request: SceneRequest, placed: Placed, accuracy: Accuracy) -> Layer:
+    part = Part(placed.index, placed.asset, _of_object(request, placed.index, accuracy), placed.view)
     _check(part)
     return Layer((part,), None)
 
