@@ -23,7 +23,7 @@ STENCIL_CENTRE = 128
 
 _STENCIL_TEST = 0x0B90
 _STENCIL_BUFFER_BIT = 0x0400
-_LESS, _ALWAYS = 0x0201, 0x0207
+_LESS, _EQUAL, _GEQUAL, _ALWAYS = 0x0201, 0x0202, 0x0206, 0x0207
 _FRONT, _BACK = 0x0404, 0x0405
 _KEEP, _INCREMENT_WRAP, _DECREMENT_WRAP = 0x1E00, 0x8507, 0x8508
 _FRAMEBUFFER, _RENDERBUFFER = 0x8D40, 0x8D41
@@ -140,8 +140,20 @@ class GlContext:
 
     def keep_positive_windings(self) -> None:
         """From now on draw only where the winding number is positive."""
+        self._keep_windings(_LESS, STENCIL_CENTRE)
+
+    def keep_no_windings(self) -> None:
+        """From now on draw only where the winding number is zero, or rounding made it negative."""
+        self._keep_windings(_GEQUAL, STENCIL_CENTRE)
+
+    def keep_single_windings(self) -> None:
+        """From now on draw only where the winding number is one."""
+        self._keep_windings(_EQUAL, STENCIL_CENTRE + 1)
+
+    def _keep_windings(self, function: int, value: int) -> None:
+        """Draw where the comparison of a value with the stencil's holds."""
         self._gl["glEnable"](_STENCIL_TEST)
-        self._gl["glStencilFunc"](_LESS, STENCIL_CENTRE, 0xFF)
+        self._gl["glStencilFunc"](function, value, 0xFF)
         self._gl["glStencilOpSeparate"](_FRONT, _KEEP, _KEEP, _KEEP)
         self._gl["glStencilOpSeparate"](_BACK, _KEEP, _KEEP, _KEEP)
 

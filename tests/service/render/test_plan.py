@@ -58,7 +58,7 @@ def test_passes_of_each_rung_are_as_documented():
     rest = ["read", "composite"]
     assert in_order(plan(antialias="none")) == ["background", "edges", "loops", "clear", "stencil", "surface", *rest]
     assert in_order(plan(antialias="line")) == [
-        "background", "edges", "loops", "segments", "clear", "stencil", "surface", "rim", "outline", "interior", *rest,
+        "background", "edges", "loops", "segments", "clear", "stencil", "surface", "rim", "interior", "outline", *rest,
     ]  # fmt: skip
     assert in_order(plan(antialias="coverage")) == ["background", "edges", "segments", "hull", "surface", "rim", "coverage", "composite"]
     assert in_order(plan(antialias="msaa")) == ["background", "clear", "surface", "resolve", *rest]
