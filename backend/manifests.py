@@ -8,11 +8,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from schemas.errors import CorruptArtifactError
-from schemas.jobs import STAGES
+from backend import records
+from backend.store import Store
+from schemas.errors import CorruptArtifactError, NotReadyError
+from schemas.jobs import LATER_STAGES, STAGES
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability, HullInfo, MeshStats, Problem
 
+NOT_YET = "the preprocessing has not ended; the original is drawn until then"
 LEVEL_STAGES = ("levels", "inner")
 """Stages that measure hulls of several sizes; each is the name of a capability, too."""
 
@@ -39,6 +42,30 @@ def build_manifest(mesh_id: str, records: Mapping[str, StageRecord | None]) -> M
         error=failed.error if failed else None,
         finished=datetime.now(UTC),
     )
+
+
+def read_drawable(store: Store, mesh_id: str) -> Manifest:
+    """What there is to draw of a mesh: its manifest, with the records of later stages that are done; before it has one, a manifest of the
+    stage load alone, of status `loaded`.
+
+    A failed mesh's manifest is returned as it is. Raises NotReadyError when nothing is loaded yet, CorruptArtifactError.
+    """
+    manifest = records.read_manifest(store, mesh_id)
+    if manifest is None:
+        return _loaded(store, mesh_id)
+    if manifest.status == "failed":
+        return manifest
+    later = [record for stage in LATER_STAGES if (record := records.read_stage(store, mesh_id, stage)) and record.outcome == "done"]
+    return manifest.model_copy(update={"stages": [*manifest.stages, *later]}) if later else manifest
+
+
+def _loaded(store: Store, mesh_id: str) -> Manifest:
+    record = records.read_stage(store, mesh_id, "load")
+    if record is None or record.outcome != "done":
+        raise NotReadyError("The mesh is accepted, but it has not been read yet.", mesh=mesh_id)
+    manifest = build_manifest(mesh_id, {"load": record})
+    nothing = {name: Capability(available=False, reason=NOT_YET) for name in ("clip", *LEVEL_STAGES)}
+    return manifest.model_copy(update={"status": "loaded", "capabilities": nothing})
 
 
 def failed_record(stage: str, seconds: float, error: Problem) -> StageRecord:

@@ -30,7 +30,7 @@ from backend.settings import BackendSettings
 from backend.store import Store
 from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError
-from schemas.jobs import QUEUE, RUN_STAGE, STAGES
+from schemas.jobs import LATER_STAGES, QUEUE, RUN_STAGE, STAGES
 from schemas.manifest import StageRecord
 
 log = logging.getLogger(__name__)
@@ -38,6 +38,7 @@ log = logging.getLogger(__name__)
 SOCKET_TIMEOUT_S = 15.0  # longer than a worker's blocking wait for a job
 MAINTENANCE_LOCK_S = 10  # a killed worker must not keep the others from maintenance for long
 RESULT_S = 60
+LAST_STAGE = list(LATER_STAGES)[-1]
 RECONCILE_LOCK = "silhouette:reconciling"
 
 
@@ -63,10 +64,19 @@ class _JobState(Enum):
 
 
 class JobQueue:
-    """Jobs of all meshes. `attempts` is how often a stage is started when it breaks or its worker dies."""
+    """Jobs of all meshes. `attempts` is how often a stage is started when it breaks or its worker dies; measure: whether meshes that are
+    ready go on to the later stages.
+    """
 
     def __init__(
-        self, connection: redis.Redis, store: Store, *, stage_timeout_s: int = 3600, attempts: int = 4, job_record_s: int = 3600
+        self,
+        connection: redis.Redis,
+        store: Store,
+        *,
+        stage_timeout_s: int = 3600,
+        attempts: int = 4,
+        job_record_s: int = 3600,
+        measure: bool = False,
     ) -> None:
         self.redis = connection
         self.store = store
@@ -75,6 +85,7 @@ class JobQueue:
         self._stage_timeout_s = stage_timeout_s
         self._attempts = attempts
         self._job_record_s = job_record_s
+        self._measure = measure
 
     @classmethod
     def open(cls, settings: BackendSettings) -> JobQueue:
@@ -87,14 +98,19 @@ class JobQueue:
             stage_timeout_s=settings.stage_timeout_s,
             attempts=settings.stage_attempts,
             job_record_s=settings.job_record_s,
+            measure=settings.measure,
         )
 
     def advance(self, mesh_id: str) -> None:
         """Bring a mesh forward from what the store says: enqueue the stages that are due, or end it with its manifest.
 
-        Does nothing for a mesh that is deleted or has its manifest. Raises redis.RedisError, StorageFullError.
+        One that is ready goes on to the later stages, when nothing else is waiting. Does nothing for a mesh that is deleted or has
+        failed. Raises redis.RedisError, StorageFullError.
         """
-        if not records.is_accepted(self.store, mesh_id) or self.store.exists(keys.manifest(mesh_id)):
+        if not records.is_accepted(self.store, mesh_id):
+            return
+        if self.store.exists(keys.manifest(mesh_id)):
+            self._advance_later(mesh_id)
             return
         done = {stage: records.read_stage(self.store, mesh_id, stage) for stage in STAGES}
         if _ended(done):
@@ -107,9 +123,9 @@ class JobQueue:
                 return
 
     def reconcile(self) -> int:
-        """Advance every accepted mesh that has no manifest; how many there are. Run at start and every few seconds."""
+        """Advance every accepted mesh that has something to be done; how many there are. Run at start and every few seconds."""
         count = 0
-        for mesh_id in records.unfinished(self.store):
+        for mesh_id in records.unfinished(self.store, LAST_STAGE if self._measure else None):
             count += 1
             try:
                 self.advance(mesh_id)
@@ -121,6 +137,11 @@ class JobQueue:
         """`reconcile`, unless some process has done so within the last `interval_s`."""
         if self.redis.set(RECONCILE_LOCK, 1, nx=True, px=max(1, int(interval_s * 1000))):
             self.reconcile()
+
+    def others_wait(self) -> bool:
+        """Whether a stage waits for a worker that is not a later one."""
+        waiting = cast(list[bytes], self.redis.lrange(self.queue.key, 0, -1))
+        return any(job_id.decode().rpartition("-")[2] in STAGES for job_id in waiting)
 
     def cancel(self, mesh_id: str) -> bool:
         """Delete a mesh: its acceptance, files and waiting jobs. False when there was no such mesh.
@@ -168,6 +189,24 @@ class JobQueue:
         self._drop_jobs(mesh_id)
         self.progress.clear(mesh_id)
         self.progress.notify(mesh_id)
+        self._advance_later(mesh_id)
+
+    def _advance_later(self, mesh_id: str) -> None:
+        """Enqueue the later stages of a ready mesh that are due; those before them may have failed."""
+        manifest = records.read_manifest(self.store, mesh_id) if self._measure else None
+        if manifest is None or manifest.status != "ready":
+            return
+        done = {stage: records.read_stage(self.store, mesh_id, stage) for stage in LATER_STAGES}
+        if all(done.values()):
+            self.progress.clear(mesh_id)
+            return
+        if self.others_wait():
+            return
+        due = [s for s, before in LATER_STAGES.items() if done[s] is None and all(done[name] for name in before if name in done)]
+        for stage in due:
+            if self._enqueue(mesh_id, stage) is _JobState.GAVE_UP:
+                self._give_up(mesh_id, stage)
+                return
 
     def _give_up(self, mesh_id: str, stage: str) -> None:
         with contextlib.suppress(CancelledError), records.publishing(self.store, mesh_id):
@@ -230,7 +269,7 @@ class JobQueue:
     def _drop_jobs(self, mesh_id: str) -> None:
         """Remove the jobs of a mesh that no worker has started."""
         running = {entry.partition(":")[0] for entry in self._started_entries()}
-        for stage in STAGES:
+        for stage in (*STAGES, *LATER_STAGES):
             if f"{mesh_id}-{stage}" not in running:
                 self._delete_job(f"{mesh_id}-{stage}")
 

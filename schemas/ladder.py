@@ -43,7 +43,7 @@ class OutlineError(BaseModel):
     alpha_error: float = Field(description="mean absolute error of alpha on the boundary pixels, 0..1")
     alpha_rmse: float = Field(description="root mean square of the same")
     distance_px: float = Field(description="largest distance between the outline and the original's, pixels, over all views")
-    wrong_pixels: float = Field(description="pixels a view that are on the wrong side of one half and off by more than one half")
+    wrong_pixels: float = Field(description="pixels a view whose alpha is off by more than one half")
 
 
 class ShadingError(BaseModel):

@@ -42,10 +42,12 @@ class StageRecord(BaseModel):
 
 
 class Manifest(BaseModel):
-    """How the preprocessing of a mesh ended. Written once, last."""
+    """How the preprocessing of a mesh ended. Written once, last. `loaded` is never written: a mesh that can be drawn from the original
+    already, while its other stages are under way.
+    """
 
     id: str
-    status: Literal["ready", "failed"]
+    status: Literal["loaded", "ready", "failed"]
     frame: FrameRecord | None = None
     stats: MeshStats | None = None
     capabilities: dict[str, Capability] = {}

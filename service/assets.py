@@ -11,13 +11,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from backend.artifacts import open_artifact
 from backend.store import Store
 from geometry.topology import EdgeTable, build_edges
 from schemas import artifacts, keys
 from schemas.conventions import F4, F8, I4, Array, Frame
-from schemas.errors import NotReadyError
+from schemas.errors import CorruptArtifactError, NotReadyError
 from schemas.ladder import Ladder
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
@@ -200,8 +201,8 @@ class MeshAsset:
 
 
 def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
-    """Map the artifacts of a ready mesh. Raises NotReadyError when it is not, CorruptArtifactError."""
-    if manifest.status != "ready" or manifest.frame is None:
+    """Map the artifacts of a mesh that is ready, or loaded: what there is of them. Raises NotReadyError, CorruptArtifactError."""
+    if manifest.status == "failed" or manifest.frame is None:
         raise NotReadyError("the mesh is not ready")
     present = {name for stage in manifest.stages for name in stage.artifacts}
 
@@ -228,7 +229,23 @@ def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
         normal_vertices=mesh.get("normal_vertices"),
         corner_normals=mesh.get("corner_normals"),
         levels=_levels(manifest, tensors),
+        other_hulls=_other_hulls(tensors),
+        ladder=_ladder(manifest),
     )
+
+
+def _other_hulls(tensors: Callable[[artifacts.Layout], dict[str, Any] | None]) -> tuple[DrawnHull, ...]:
+    found = ((tensors(hull), tensors(maps)) for hull, maps in zip(artifacts.OTHER_HULLS, artifacts.OTHER_MAPS, strict=True))
+    return tuple(DrawnHull(hull, maps) for hull, maps in found if hull is not None and maps is not None)
+
+
+def _ladder(manifest: Manifest) -> Ladder | None:
+    """What the stage `measure` found, if it is done and of this program's form."""
+    record = next((record for record in manifest.stages if record.stage == "measure" and record.outcome == "done"), None)
+    try:
+        return None if record is None else Ladder.model_validate(record.report)
+    except ValidationError as error:
+        raise CorruptArtifactError("the record of the measured ladder is damaged", stage="measure") from error
 
 
 def _levels(manifest: Manifest, tensors: Callable[[artifacts.Layout], dict[str, Any] | None]) -> tuple[SilhouetteLevel, ...]:
@@ -239,25 +256,34 @@ def _levels(manifest: Manifest, tensors: Callable[[artifacts.Layout], dict[str, 
     return tuple(SilhouetteLevel(mesh, tree) for mesh, tree in found if mesh is not None and tree is not None)
 
 
+def state_of(manifest: Manifest) -> str:
+    """What a mesh's pictures are made from: the same words, the same artifacts."""
+    return f"{manifest.status} {' '.join(record.stage for record in manifest.stages)}"
+
+
 class AssetCache:
     """Assets in use, least recently used first to go when they are more than `capacity_mib` together. Thread-safe."""
 
     def __init__(self, store: Store, capacity_mib: int) -> None:
         self._store, self._capacity = store, capacity_mib << 20
-        self._kept: OrderedDict[str, MeshAsset] = OrderedDict()
+        self._kept: OrderedDict[str, tuple[str, MeshAsset]] = OrderedDict()
         self._lock = threading.Lock()
 
     def get(self, manifest: Manifest) -> MeshAsset:
-        """The asset of a ready mesh. Raises NotReadyError, CorruptArtifactError."""
+        """The asset of a mesh, from the stages that are done: when more are, another takes its place.
+
+        Raises NotReadyError, CorruptArtifactError.
+        """
+        state = state_of(manifest)
         with self._lock:
             kept = self._kept.get(manifest.id)
-            if kept is not None:
+            if kept is not None and kept[0] == state:
                 self._kept.move_to_end(manifest.id)
-                return kept
+                return kept[1]
         asset = load_asset(self._store, manifest)
         with self._lock:
-            self._kept[asset.id] = asset
-            while len(self._kept) > 1 and sum(a.nbytes for a in self._kept.values()) > self._capacity:
+            self._kept[asset.id] = state, asset
+            while len(self._kept) > 1 and sum(a.nbytes for _, a in self._kept.values()) > self._capacity:
                 self._kept.popitem(last=False)
         return asset
 

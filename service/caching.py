@@ -15,6 +15,9 @@ IMMUTABLE = "public, max-age=31536000, immutable"
 REVALIDATE = "no-cache"
 """Keep it, but ask each time: the question costs a hash, not a picture."""
 
+NOT_KEPT = "no-store"
+"""For answers that will soon be others."""
+
 PROGRAM = f"{version('silhouette-service')}.{keys.PIPELINE_VERSION}"
 
 

@@ -18,7 +18,7 @@ HULL_FACES, TEXELS = 200, 256
 @pytest.fixture(scope="session")
 def service(tmp_path_factory):
     """A service of its own with one worker; refuses uploads over MAX_UPLOAD_MIB."""
-    environment = {"SILHOUETTE_MAX_UPLOAD_MIB": str(MAX_UPLOAD_MIB), "SILHOUETTE_WARM_KERNELS": "0"}
+    environment = {"SILHOUETTE_MAX_UPLOAD_MIB": str(MAX_UPLOAD_MIB), "SILHOUETTE_WARM_KERNELS": "0", "SILHOUETTE_MEASURE": "0"}
     with LocalService(tmp_path_factory.mktemp("service"), environment, ("--workers", "1")) as running:
         yield running
         assert running.stop() == 0, running.last_words()

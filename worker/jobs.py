@@ -1,18 +1,19 @@
 """The preprocessing: which function does which stage, and what becomes of its result.
 
-    load -> hull -> bake ---> verify
+    load -> hull -> bake ---> verify (the mesh is ready) ... hulls -> measure
                  -> levels -/
          -> tree ----------/
          -> inner --------/
 
-Their order is `schemas.jobs.STAGES`. A stage reads its inputs from the store, calls one pure function and hands back what to
-keep (`worker.stages`). Here that is published, all of it or nothing, with the stage's record last; then the queue looks what
+Their order is `schemas.jobs.STAGES`; those after `verify` are LATER_STAGES, which give way to all others. A stage reads its inputs from
+the store, calls one pure function and hands back what to keep (`worker.stages`). Here that is published, all of it or nothing, with the stage's record last; then the queue looks what
 is due next.
 """
 
 from __future__ import annotations
 
 import logging
+import os
 import resource
 import time
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from backend.queue import JobQueue
 from backend.store import Store
 from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError, StageFailedError, StorageFullError
+from schemas.jobs import LATER_STAGES
 from schemas.manifest import StageRecord
 from worker import stages
 from worker.settings import WorkerSettings
@@ -34,7 +36,7 @@ from worker.stages import Inputs, Result
 
 log = logging.getLogger("silhouette.jobs")
 
-STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result]] = {
+STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result | None]] = {
     "load": stages.load,
     "hull": stages.hull,
     "bake": stages.bake,
@@ -42,7 +44,11 @@ STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result]] = {
     "tree": stages.tree,
     "inner": stages.inner,
     "verify": stages.verify,
+    "hulls": stages.hulls,
+    "measure": stages.measure,
 }
+
+LOWEST_PRIORITY = 19
 
 KIB_PER_MIB = 1024
 
@@ -53,9 +59,12 @@ def run_stage(mesh_id: str, stage: str) -> None:
     A fault of the mesh ends the mesh; any other exception goes to the queue, which tries again.
     """
     jobs = JobQueue.open(WorkerSettings())
+    later = stage in LATER_STAGES
+    if later:
+        os.nice(LOWEST_PRIORITY)
     try:
         report(jobs, mesh_id, stage, 0.0)
-        if records.read_stage(jobs.store, mesh_id, stage) is None:
+        if records.read_stage(jobs.store, mesh_id, stage) is None and not (later and jobs.others_wait()):
             run_and_record(jobs, mesh_id, stage)
         report(jobs, mesh_id, stage, 1.0)
     except CancelledError:
@@ -68,13 +77,18 @@ def run_stage(mesh_id: str, stage: str) -> None:
     jobs.advance(mesh_id)
 
 
-def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord:
-    """Run one stage and publish its result with its record. Raises CancelledError, StorageFullError, and what is nobody's fault."""
+def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | None:
+    """Run one stage and publish its result with its record; None when it gave way to others and is to be started again.
+
+    Raises CancelledError, StorageFullError, and what is nobody's fault.
+    """
     started = time.perf_counter()
-    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction))
+    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction), jobs.others_wait)
     try:
         inputs.progress(0.0)
         result = STAGE_FUNCTIONS[stage](inputs)
+        if result is None:
+            return None
         with records.publishing(jobs.store, mesh_id):
             record = StageRecord(
                 stage=stage,
@@ -108,12 +122,13 @@ def publish(store: Store, mesh_id: str, stage: str, result: Result) -> dict[str,
 
 
 def report(jobs: JobQueue, mesh_id: str, stage: str, fraction: float) -> None:
-    """Pass progress on. Raises CancelledError when the mesh is deleted or has ended: what was passed on is then to be cleared.
+    """Pass progress on. Raises CancelledError when the mesh is deleted, or has ended without the stage: it is then to be cleared.
 
     It is passed on first: a mesh that is deleted after the look is cleared by whoever deletes it, one before by the caller.
     """
     jobs.progress.report(mesh_id, stage, fraction)
-    if not records.is_accepted(jobs.store, mesh_id) or jobs.store.exists(keys.manifest(mesh_id)):
+    over = stage not in LATER_STAGES and jobs.store.exists(keys.manifest(mesh_id))
+    if over or not records.is_accepted(jobs.store, mesh_id):
         raise CancelledError("the mesh has been deleted or has ended", mesh=mesh_id)
 
 

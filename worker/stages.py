@@ -1,4 +1,4 @@
-"""The seven stages, each as: inputs from the store, one pure function, what to keep.
+"""The stages, each as: inputs from the store, one pure function, what to keep.
 
 load    reports frame, stats, capabilities, repairs; keeps mesh, appearance
 hull    reports faces, volume_excess; keeps hull, hull_sequence
@@ -7,13 +7,16 @@ levels  reports levels, capabilities; keeps level_0, level_0_tree, ...
 tree    reports nodes; keeps tree
 inner   reports levels, capabilities; keeps inner_sequence
 verify  reports what was checked, capabilities that are withheld; keeps nothing
+hulls   reports hulls, left_out; keeps hull_1, maps_1, hull_2, maps_2
+measure reports `schemas.ladder.Ladder`; keeps nothing
 
-A mesh that cannot be clipped has use for load and verify only.
+A mesh that cannot be clipped has use for load, verify and measure only.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import logging
 import sys
 from collections.abc import Callable
@@ -32,12 +35,14 @@ from schemas import artifacts, keys
 from schemas.artifacts import Layout
 from schemas.conventions import F4, I4, Frame
 from schemas.errors import CorruptArtifactError
+from schemas.jobs import MEASURE
 from schemas.manifest import Accepted
 from worker import downloads
 from worker.bake import Maps, bake_maps, hull_normals
 from worker.distance import ROUGHLY
 from worker.enclosure import Solid
 from worker.hull import Hull, build_hull
+from worker.hulls import build_other_hull, other_sizes
 from worker.levels import HullLevel, build_levels, hull_levels, level_sizes
 from worker.load import load_mesh
 from worker.side_by_side import run_side_by_side
@@ -73,17 +78,18 @@ class HullSurface(NamedTuple):
 
 
 class Inputs:
-    """What a stage may read of its mesh. `progress` takes a fraction and raises CancelledError when the mesh is gone."""
+    """What a stage may read of its mesh. `progress` takes a fraction and raises CancelledError when the mesh is gone; `pause`: whether
+    others wait for the worker, which only a later stage asks.
+    """
 
-    def __init__(self, store: Store, mesh_id: str, progress: Callable[[float], None]) -> None:
-        self.progress = progress
-        self._store = store
-        self._mesh_id = mesh_id
+    def __init__(self, store: Store, mesh_id: str, progress: Callable[[float], None], pause: Callable[[], bool] = lambda: False) -> None:
+        self.progress, self.pause = progress, pause
+        self.store, self.mesh_id = store, mesh_id
 
     @cached_property
     def accepted(self) -> Accepted:
         """The acceptance record, with the options."""
-        return records.read_accepted(self._store, self._mesh_id)
+        return records.read_accepted(self.store, self.mesh_id)
 
     @cached_property
     def loaded(self) -> dict[str, Any]:
@@ -92,7 +98,7 @@ class Inputs:
 
     def report(self, stage: str) -> dict[str, Any]:
         """The report of an earlier stage. Raises CorruptArtifactError when there is none."""
-        record = records.read_stage(self._store, self._mesh_id, stage)
+        record = records.read_stage(self.store, self.mesh_id, stage)
         if record is None:
             raise CorruptArtifactError("the record of an earlier stage is missing", stage=stage)
         return record.report
@@ -109,14 +115,14 @@ class Inputs:
 
     def upload(self) -> Path:
         """The uploaded file. Raises NotFoundError."""
-        return self._store.local_path(keys.upload(self.accepted.upload_sha256))
+        return self.store.local_path(keys.upload(self.accepted.upload_sha256))
 
     def tensors(self, layout: Layout, *, verify: bool = False) -> Tensors:
         """An artifact in memory: copies, since kernels compiled for writable arrays would be compiled again for views.
 
         `verify` compares its bytes with the sha256 it was written with. Raises NotFoundError, CorruptArtifactError.
         """
-        path = self._store.local_path(keys.artifact(self._mesh_id, layout.file))
+        path = self.store.local_path(keys.artifact(self.mesh_id, layout.file))
         return {name: np.array(view) for name, view in open_artifact(path, layout, verify=verify).items()}
 
     def tensors_if_any(self, layout: Layout, *, verify: bool = False) -> Tensors | None:
@@ -125,7 +131,7 @@ class Inputs:
 
     def has(self, layout: Layout) -> bool:
         """Whether the mesh has such an artifact."""
-        return self._store.exists(keys.artifact(self._mesh_id, layout.file))
+        return self.store.exists(keys.artifact(self.mesh_id, layout.file))
 
 
 def load(inputs: Inputs) -> Result:
@@ -180,11 +186,14 @@ def bake(inputs: Inputs) -> Result:
         inputs.progress,
         corner_normals=mesh.get("corner_normals"),
     )
-    tensors: Tensors = {"tile_uv": maps.tile_uv, "normal": maps.normal}
-    if maps.color is not None:
-        tensors["color"] = maps.color
     report = {"missed": int(maps.missed), "texel_count": int(maps.texel_count), "tile_side": int(maps.tile_side)}
-    return Result(report, [(artifacts.MAPS, tensors)], files_of(coarse, maps, inputs.frame))
+    return Result(report, [(artifacts.MAPS, map_tensors(maps))], files_of(coarse, maps, inputs.frame))
+
+
+def map_tensors(maps: Maps) -> Tensors:
+    """The tensors of `artifacts.MAPS`."""
+    tensors: Tensors = {"tile_uv": maps.tile_uv, "normal": maps.normal}
+    return tensors if maps.color is None else tensors | {"color": maps.color}
 
 
 def files_of(coarse: Tensors, maps: Maps, frame: Frame) -> dict[str, bytes]:
@@ -273,6 +282,46 @@ def verify(inputs: Inputs) -> Result:
     except CorruptArtifactError as error:
         capabilities["inner"] = withheld("inner hulls", error)
     return Result(report)
+
+
+def hulls(inputs: Inputs) -> Result:
+    """Hulls of other sizes that can be drawn, each checked as the drawn one is; one that does not pass is left out."""
+    sequence = inputs.tensors_if_any(artifacts.HULL_SEQUENCE, verify=True) if inputs.clippable else None
+    if sequence is None:
+        return SKIPPED
+    mesh, appearance = inputs.tensors(artifacts.MESH), inputs.tensors_if_any(artifacts.APPEARANCE)
+    steps = (sequence["step_vertices"], sequence["step_positions"])
+    sizes = other_sizes(len(mesh["faces"]), inputs.report("hull")["faces"])
+    kept: list[tuple[Layout, Tensors]] = []
+    report: dict[str, Any] = {"hulls": [], "left_out": []}
+    for number, size in enumerate(sizes):
+        share = partial(shared_progress, inputs.progress, number, len(sizes))
+        made = build_other_hull(mesh, appearance, steps, size, inputs.accepted.options.texels, share)
+        if made is None:
+            report["left_out"].append({"faces": size, "reason": "the sequence of hulls does not come to so few faces"})
+            continue
+        tensors, maps = made.tensors(), map_tensors(made.maps)
+        try:
+            verify_artifacts(mesh, tensors, maps, None, lambda part: None)
+        except CorruptArtifactError as error:
+            report["left_out"].append({"faces": len(made.faces), **withheld("a hull of another size", error)})
+            continue
+        place = len(report["hulls"])
+        kept += [(artifacts.OTHER_HULLS[place], tensors), (artifacts.OTHER_MAPS[place], maps)]
+        report["hulls"].append({"faces": len(made.faces), "volume_excess": made.volume_excess})
+    return Result(report, kept)
+
+
+def shared_progress(progress: Callable[[float], None], number: int, count: int, part: float) -> None:
+    """Progress of one of several equal pieces of work."""
+    progress((number + part) / count)
+
+
+def measure(inputs: Inputs) -> Result | None:
+    """The ladder of the mesh; None when it gave way to others. The code that draws is the service's, known by its name only."""
+    module, _, name = MEASURE.rpartition(".")
+    report = getattr(importlib.import_module(module), name)(inputs.store, inputs.mesh_id, inputs.progress, inputs.pause)
+    return None if report is None else Result(report)
 
 
 def clipping_checked(inputs: Inputs, mesh: Tensors) -> dict[str, Any]:

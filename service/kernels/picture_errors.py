@@ -33,10 +33,10 @@ def reduce_samples(pixels, side, table, out):
 
 @njit(cache=True, nogil=True)
 def outline_sums(made, true):
-    """(sum of |d|, sum of d d, boundary pixels, wrong pixels, largest |d|): of d, the error of alpha made (h, w) u1 against true (h, w) f4.
+    """(sum of |d|, sum of d d, boundary pixels, wrong pixels, largest |d|), where d is made (h, w) u1 alpha less true (h, w) f4.
 
-    Boundary pixels are those with 0 < true < 1, and the first two sums are over them; wrong are pixels on the other side of one half and off
-    by more than one half; the largest is over all pixels.
+    Boundary pixels are those with 0 < true < 1, and the first two sums are over them; wrong are pixels off by more than one half; the
+    largest is over all pixels.
     """
     total = squares = largest = 0.0
     boundary = wrong = 0

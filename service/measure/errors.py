@@ -1,8 +1,8 @@
 """How far a picture is from the reference.
 
-Outline: the difference of alpha. Its distance in pixels is measured so: across a pixel that a straight edge passes upright, alpha differs by
-as much as the edge is displaced, so the largest difference of alpha is taken; where a pixel shows the mesh although no part of it is there, or
-the reverse, it is the distance to the nearest pixel where that is right. Shading: colours of pixels that both cover fully.
+Outline: the difference of alpha. Its distance in pixels is measured so: in a pixel that a straight edge passes upright, alpha differs
+by as much as the edge is displaced, so the largest difference of alpha is taken; where a pixel shows the mesh although no part of it is
+there, or the reverse, it is the distance to the nearest pixel where that is right. Shading: colours of pixels that both cover fully.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Measuring every rung of a mesh, view by view, and putting the ladder together.
 
-Errors factor: the outline does not depend on which hull is drawn, nor on its maps; the colour of what is fully covered does not depend on the
-outline. So outlines are compared once for each antialiasing and level, and shading once for each hull and size of maps; every rung is drawn
-for its times.
+Errors factor: the outline does not depend on which hull is drawn, nor on its maps; the colour of what is fully covered does not depend
+on the outline. So outlines are compared once for each antialiasing and level, and shading once for each hull and size of maps; every rung
+is drawn for its times.
 """
 
 from __future__ import annotations

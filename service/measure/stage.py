@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from backend import records
+from backend.manifests import read_drawable
 from backend.store import Store
 from schemas import keys
 from schemas.errors import NotFoundError, StageFailedError
@@ -39,7 +40,7 @@ def measure_mesh(store: Store, mesh_id: str, progress: Callable[[float], None], 
     progress takes 0..1 between steps and may raise. Raises NotReadyError, CorruptArtifactError, StageFailedError where nothing can be
     drawn on this machine, CancelledError when the mesh is deleted meanwhile.
     """
-    asset = load_asset(store, records.read_drawable(store, mesh_id))
+    asset = load_asset(store, read_drawable(store, mesh_id))
     try:
         gpu = Gpu(CACHE_MIB)
     except EglUnavailableError as error:

@@ -11,7 +11,8 @@ from fastapi import APIRouter, Query, Request, Response
 from schemas.errors import NotFoundError
 from schemas.plan import PlanReport
 from schemas.render import ImageFormat, RenderRequest
-from service.caching import IMMUTABLE, REVALIDATE, entity_tag, not_modified
+from service.assets import state_of
+from service.caching import IMMUTABLE, NOT_KEPT, REVALIDATE, entity_tag, not_modified
 from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format, wants_json
 from service.render.encode import encode
 from service.render.explain import explain as explain_plan
@@ -81,8 +82,10 @@ def _encoding(suffix: str) -> ImageFormat:
 
 async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services, cache_control: str) -> Response:
     """Render `wanted`, whose format is set, unless the client has it already."""
-    manifest = await to_thread.run_sync(parts.meshes.manifest, mesh_id)
-    tag = entity_tag(mesh_id, "picture", wanted.model_dump_json())
+    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    tag = entity_tag(mesh_id, "picture", state_of(manifest), wanted.model_dump_json())
+    if manifest.status != "ready":  # drawn from the original; what comes when the mesh is ready is another picture
+        cache_control = NOT_KEPT
     if answer := not_modified(request, tag, cache_control):
         return answer
     limit_s = parts.settings.render_timeout_s
@@ -97,14 +100,14 @@ async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts:
 
 async def _plan(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services) -> Response:
     """What `wanted` would do. The costs change as frames are drawn: not to be kept."""
-    manifest = await to_thread.run_sync(parts.meshes.manifest, mesh_id)
+    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
 
     def planned() -> PlanReport:
         return explain_plan(wanted, parts.assets.get(manifest), parts.renderer.costs)
 
     report = await wait_for(request, parts.cpu.submit(planned), parts.settings.render_timeout_s)
     body = report.model_dump_json(exclude_none=True)
-    return Response(body, headers={"Cache-Control": "no-store", "Vary": "Accept"}, media_type="application/json")
+    return Response(body, headers={"Cache-Control": NOT_KEPT, "Vary": "Accept"}, media_type="application/json")
 
 
 def picture_headers(

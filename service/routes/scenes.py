@@ -10,7 +10,8 @@ from fastapi import APIRouter, Request, Response
 from schemas.errors import SilhouetteError
 from schemas.manifest import Manifest
 from schemas.scene import SceneRequest
-from service.caching import REVALIDATE, entity_tag, not_modified
+from service.assets import state_of
+from service.caching import NOT_KEPT, REVALIDATE, entity_tag, not_modified
 from service.errors import located
 from service.negotiation import IMAGE_TYPES, image_format
 from service.render.encode import encode
@@ -35,8 +36,9 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
     encoding = body.format or image_format(request.headers.get("accept"))
     wanted = body.model_copy(update={"format": encoding})
     manifests = await to_thread.run_sync(_manifests, parts, wanted)
-    tag = entity_tag("scene", wanted.model_dump_json())
-    if answer := not_modified(request, tag, REVALIDATE):
+    tag = entity_tag("scene", *map(state_of, manifests), wanted.model_dump_json())
+    cache_control = REVALIDATE if all(manifest.status == "ready" for manifest in manifests) else NOT_KEPT
+    if answer := not_modified(request, tag, cache_control):
         return answer
     limit_s = parts.settings.render_timeout_s
     plan, plan_ms = await wait_for(request, parts.cpu.submit(_plan, parts, wanted, manifests), limit_s)
@@ -44,7 +46,9 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
     clock = Stopwatch()
     picture = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), limit_s)
     told = picture_headers(image, before=[("plan", plan_ms)], after=[("encode", clock.ms())])
-    return Response(picture, headers={"ETag": tag, "Cache-Control": REVALIDATE, "Vary": "Accept", **told}, media_type=IMAGE_TYPES[encoding])
+    return Response(
+        picture, headers={"ETag": tag, "Cache-Control": cache_control, "Vary": "Accept", **told}, media_type=IMAGE_TYPES[encoding]
+    )
 
 
 def _manifests(parts: Services, wanted: SceneRequest) -> list[Manifest]:
@@ -52,7 +56,7 @@ def _manifests(parts: Services, wanted: SceneRequest) -> list[Manifest]:
     found = []
     for index, item in enumerate(wanted.objects):
         try:
-            found.append(parts.meshes.manifest(item.mesh))
+            found.append(parts.meshes.drawable(item.mesh))
         except SilhouetteError as error:
             raise located(error, f"objects[{index}].mesh") from error.__cause__
     return found

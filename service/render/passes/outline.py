@@ -2,9 +2,9 @@
 
 Silhouette Clipping, section 6, "Antialiasing". Departures: lines are rectangles whose coverage the shader computes, so that
 no driver's line smoothing matters; a line's alpha is the area that the inside of its edge covers of the pixel (a half on the
-edge), where a smooth GL line has one on the edge and makes the shape half a pixel larger all round. Lines smooth both sides: where nothing is
-the larger alpha stays, and just inside, where the winding number is one, the smaller, whatever the order. Where it is more, another
-layer lies behind the edge, and alpha is whole.
+edge), where a smooth GL line has one on the edge and makes the shape half a pixel larger all round. Lines smooth both sides: where
+nothing is, the larger alpha stays, and just inside, where the winding number is one, the smaller, whatever the order. Where it is more,
+another layer lies behind the edge, and alpha is whole.
 """
 
 from __future__ import annotations
