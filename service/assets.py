@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from backend.artifacts import open_artifact
 from backend.store import Store
+from geometry.tile_layout import TileLayout
 from geometry.topology import EdgeTable, build_edges
 from schemas import artifacts, keys
 from schemas.conventions import F4, F8, I4, Array, Frame
@@ -22,7 +23,7 @@ from schemas.errors import CorruptArtifactError, NotReadyError
 from schemas.ladder import Ladder
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
-from service.rungs import HullFacts, RungTable, rung_table
+from service.rungs import LEAST_SIDE, MOST_HALVINGS, HullFacts, RungTable, rung_table
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
 from service.silhouette.smooth import SmoothSurface
@@ -45,11 +46,6 @@ class DrawnHull:
         """How many it has."""
         return len(self.hull["faces"])
 
-    @property
-    def texels(self) -> int:
-        """Longest side of its maps."""
-        return max(self.maps["normal"].shape[:2]) if self.maps else 0
-
     @cached_property
     def edges(self) -> EdgeTable:
         """Its edges."""
@@ -59,14 +55,17 @@ class DrawnHull:
     def facts(self) -> HullFacts:
         """What rungs depend on of it."""
         if not self.maps:
-            return HullFacts(self.faces, 0, 0.0, 0.0)
+            return HullFacts(self.faces, (0,), 0.0)
+        height, width = self.maps["normal"].shape[:2]
+        layout = TileLayout.of(self.maps["tile_uv"], width, height)
+        halved = [layout.halved(times) for times in range(MOST_HALVINGS + 1)]
+        texels = tuple(max(one.width, one.height) for times, one in enumerate(halved) if not times or one.side >= LEAST_SIDE)
         corners = self.hull["positions"].astype(np.float64)[self.hull["faces"]]
         areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        side = float(np.ptp(self.maps["tile_uv"][0, :, 0].astype(np.float64))) * self.maps["normal"].shape[1]
         order = np.argsort(areas)
         smaller = np.cumsum(areas[order]) <= LARGER * areas.sum()
         typical = float(areas[order[min(int(smaller.sum()), len(order) - 1)]])
-        return HullFacts(self.faces, self.texels, side, side / math.sqrt(2.0 * typical) if typical > 0.0 else 0.0)
+        return HullFacts(self.faces, texels, layout.side / math.sqrt(2.0 * typical) if typical > 0.0 else 0.0)
 
     @cached_property
     def convex_planes(self) -> F8:

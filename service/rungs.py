@@ -51,8 +51,8 @@ an exact mask is drawn without the GL."""
 
 UNMASKED: tuple[Antialias, ...] = (Antialias.NONE, Antialias.MSAA, Antialias.SSAA)
 CLIPPED: tuple[Antialias, ...] = (Antialias.NONE, Antialias.LINE, Antialias.COVERAGE)
-MOST_HALVINGS = 0
-LEAST_SIDE = 3.0
+MOST_HALVINGS = 2
+LEAST_SIDE = 3
 """Texels along a leg of a hull face: maps are not halved below."""
 
 SOURCES: tuple[Source, ...] = (Source.ORIGINAL, Source.CLIPPED)
@@ -89,19 +89,18 @@ def passes_of(source: Source, antialias: Antialias) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class HullFacts:
-    """What rungs depend on of a hull. texels: longest side of its maps, 0 for none. tile_side: texels along a leg of a face.
-    density: texels along a normalised unit of its larger faces.
+    """What rungs depend on of a hull. texels: longest side of its maps after each number of halvings, 0 for no maps. density: texels of
+    the full maps along a normalised unit of its larger faces.
     """
 
     faces: int
-    texels: int
-    tile_side: float
+    texels: tuple[int, ...]
     density: float
 
     @property
     def most_halvings(self) -> int:
         """How often its maps can be halved."""
-        return max((h for h in range(MOST_HALVINGS + 1) if self.tile_side / 2**h >= LEAST_SIDE), default=0)
+        return len(self.texels) - 1
 
 
 @dataclass(frozen=True)
@@ -188,7 +187,7 @@ def _key(rung: Rung, hulls: Sequence[HullFacts]) -> RungKey:
         antialias=rung.antialias,
         level=rung.level,
         hull_faces=None if hull is None else hull.faces,
-        texels=None if hull is None else hull.texels >> rung.halvings,
+        texels=None if hull is None else hull.texels[rung.halvings],
     )
 
 
@@ -209,5 +208,5 @@ def _psnr(rung: Rung, measured: MeasuredRung | None, hulls: Sequence[HullFacts],
     guess = 50.0
     if rung.hull is not None:
         hull = hulls[rung.hull]
-        guess = 10.0 + math.log2(hull.faces) + 0.5 * math.log2(max(1.0, hull.tile_side)) - rung.halvings
+        guess = 10.0 + math.log2(hull.faces) + 0.5 * math.log2(max(1, hull.texels[0])) - rung.halvings
     return [guess] * (sizes + 1) if measured is None else [*(at.shading.psnr_db for at in measured.sizes), guess]

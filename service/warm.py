@@ -18,6 +18,7 @@ import numpy as np
 
 from backend.artifacts import identity_of, write_artifact
 from backend.store import Store
+from geometry.tile_layout import TileLayout
 from geometry.topology import build_edges
 from schemas import artifacts
 from schemas.artifacts import Layout
@@ -161,7 +162,10 @@ def octahedron(store: Store) -> MeshAsset:
         "edge_start": np.array([0, count], np.int32),
         "edge_index": np.arange(count, dtype=np.int32),
     }
-    uv = np.tile(np.array([[0, 0], [1, 0], [0, 1]], np.float32), (len(faces), 1, 1))
+    tiles = TileLayout.fitting(len(faces), MAP_TEXELS)
+    texels = (tiles.height, tiles.width)
+    colors = np.full((*texels, 4), 255, np.uint8)
+    maps = {"tile_uv": tiles.tile_uv(np.zeros(len(faces), np.int32)), "normal": np.full((*texels, 3), 200, np.uint8), "color": colors}
     hull = {"positions": positions * np.float32(HULL_SIZE), "faces": faces, "normals": positions}
     none = np.zeros(0, np.int32)
     unshrunk: dict[str, Array] = {"step_vertices": np.zeros((0, 2), np.int32), "step_positions": np.zeros((0, 3), np.float32)}
@@ -172,7 +176,7 @@ def octahedron(store: Store) -> MeshAsset:
             {"positions": positions, "faces": faces, "normals": positions, "edge_vertices": edges.vertices, "edge_faces": edges.faces},
         ),
         (artifacts.HULL, hull),
-        (artifacts.MAPS, {"tile_uv": uv, "normal": np.full((MAP_TEXELS, MAP_TEXELS, 3), 200, np.uint8)}),
+        (artifacts.MAPS, maps),
         (artifacts.HULL_SEQUENCE, unshrunk),
         (artifacts.TREE, one_node | order),
     ]

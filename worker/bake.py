@@ -16,12 +16,11 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from geometry.tile_layout import TileLayout
 from geometry.topology import face_normals, vertex_normals
 from schemas.conventions import F4, F8, I4, U1, Array
 from worker.kernels import bake_boxes, bake_color, bake_tiles
 
-INSET = 1.0 / 64.0
-"""Texels by which the corners of a tile lie inside its lattice: more than the 1/256 texel that samplers round to."""
 LIFT = 4e-6
 """Normalised units by which a ray starts outside the hull: some thirty units in the last place of a float32 at 1."""
 RAYS_AT_ONCE = 1 << 18
@@ -29,63 +28,6 @@ MOST_HALVINGS = 3
 """Of a texture that is finer than the map: deeper means would mix what a texture has side by side (`worker.loading.colors.GAP`)."""
 MOST_INNER_SIDES = 16
 """Inner sides a ray passes before it counts as a miss; only self-intersecting originals have any before an outer side."""
-
-
-@dataclass(frozen=True)
-class TileLayout:
-    """How the tiles of `faces` hull faces lie in the maps; see kernels/bake_tiles.py for the drawing of a cell.
-
-    side: lattice steps along a leg. columns: cells in a row. width, height: of the maps, texels.
-    """
-
-    faces: int
-    side: int
-    columns: int
-    width: int
-    height: int
-
-    @classmethod
-    def fitting(cls, faces: int, texels: int) -> TileLayout:
-        """Largest tiles for `faces` faces in a rectangle whose longest side is at most `texels`.
-
-        Where not even the smallest tiles fit, the rectangle is as much larger as they need.
-        """
-        cells, longest = (faces + 1) // 2, max(texels, least_texels(faces))
-        side = next(k for k in range(longest - 3, 0, -1) if (longest // (k + 3)) * (longest // (k + 2)) >= cells)
-        columns = min(longest // (side + 3), cells)
-        return cls(faces, side, columns, columns * (side + 3), -(-cells // columns) * (side + 2))
-
-    @classmethod
-    def of(cls, tile_uv: F4, width: int, height: int) -> TileLayout:
-        """The layout that made tile_uv (hf, 3, 2)."""
-        side = round(float(np.ptp(tile_uv[0, :, 0].astype(np.float64))) * width + 3.0 * INSET)
-        return cls(len(tile_uv), side, width // (side + 3), width, height)
-
-    def tile_uv(self, turns: I4) -> F4:
-        """(hf, 3, 2) f4 texture coordinates of the hull's corners; turns (hf,) i4: the corner at the right angle."""
-        leg = self.side - 3.0 * INSET
-        face = np.arange(self.faces)
-        corner = 0.5 + INSET + leg * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        size = np.array([self.side + 3, self.side + 2])
-        inside = np.where((face % 2 == 0)[:, None, None], corner, size - corner)
-        cell = np.stack([face // 2 % self.columns, face // 2 // self.columns], axis=1) * size
-        pixel = cell[:, None, :] + inside
-        turned = np.empty_like(pixel)
-        for k in range(3):
-            turned[face, (turns + k) % 3] = pixel[:, k]
-        return np.ascontiguousarray(turned / (self.width, self.height), np.float32)
-
-    def owners(self) -> I4:
-        """(height, width) i4: the face whose tile a texel belongs to, padding included; -1 where none."""
-        return np.asarray(bake_tiles.tile_owners(self.faces, self.side, self.columns, self.height, self.width))
-
-
-def least_texels(faces: int) -> int:
-    """The shortest longest side of maps that has room for a tile on each of `faces` faces."""
-    cells, texels = (faces + 1) // 2, 4
-    while (texels // 4) * (texels // 3) < cells:
-        texels += 1
-    return texels
 
 
 @dataclass(frozen=True)

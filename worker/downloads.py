@@ -9,9 +9,10 @@ import numpy as np
 from PIL import Image
 
 from backend.glb import Glb, placed
+from geometry.tile_layout import TileLayout
 from geometry.topology import face_normals
 from schemas.conventions import F4, F8, I4, U1, Frame
-from worker.bake import Maps, TileLayout
+from worker.bake import Maps
 from worker.kernels import bake_tiles
 
 LINEAR, CLAMP_TO_EDGE = 9729, 33071  # glTF's (OpenGL's) numbers

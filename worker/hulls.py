@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from geometry.hull_sequence import cut_hull
 from geometry.topology import signed_volume
@@ -41,8 +42,8 @@ def other_sizes(mesh_faces: int, drawn_faces: int) -> list[int]:
 
 
 def build_other_hull(
-    mesh: dict[str, Array],
-    appearance: dict[str, Array] | None,
+    mesh: dict[str, Any],
+    appearance: dict[str, Any] | None,
     steps: tuple[I4, F4],
     faces: int,
     texels: int,
@@ -57,8 +58,8 @@ def build_other_hull(
     if len(triangles) > NEARLY * faces:
         return None
     normals = hull_normals(positions, triangles)
-    shading = {"corner_normals": mesh.get("corner_normals")}
-    maps = bake_maps(positions, triangles, normals, *original, mesh["normals"], appearance, texels, progress, **shading)
+    rows = mesh.get("corner_normals")
+    maps = bake_maps(positions, triangles, normals, *original, mesh["normals"], appearance, texels, progress, corner_normals=rows)
     volume = signed_volume(*original)
     gained = signed_volume(positions, triangles) - volume
     return OtherHull(positions, triangles, normals, maps, gained / volume if volume > 0.0 else 0.0)

@@ -6,8 +6,8 @@
          -> inner --------/
 
 Their order is `schemas.jobs.STAGES`; those after `verify` are LATER_STAGES, which give way to all others. A stage reads its inputs from
-the store, calls one pure function and hands back what to keep (`worker.stages`). Here that is published, all of it or nothing, with the stage's record last; then the queue looks what
-is due next.
+the store, calls one pure function and hands back what to keep (`worker.stages`). Here that is published, all of it or nothing, with the
+stage's record last; then the queue looks what is due next.
 """
 
 from __future__ import annotations

@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from geometry.predicates import front_facing
+from geometry.tile_layout import TileLayout
 from geometry.topology import NotManifoldError, build_edges, face_normals, signed_volume
 from schemas.conventions import F8
 from schemas.errors import CorruptArtifactError
-from worker.bake import TileLayout
 from worker.enclosure import NotEnclosedError, enclosure_fault
 from worker.kernels import verify_enclosure, verify_maps, verify_tree
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.tile_layout import TileLayout
 from geometry.topology import build_edges
 from schemas.conventions import F4, I4, Array, Frame
 from schemas.mesh import Capability
@@ -64,6 +65,7 @@ def sphere(level: int, of_hull: int) -> MeshAsset:
     positions, faces = octasphere(level)
     hull_positions, hull_faces = octasphere(of_hull)
     hull_normals, hull_positions = hull_positions, hull_positions * np.float32(HULL_SIZE)
+    tiles = TileLayout.fitting(len(hull_faces), TEXELS)
     mesh, tree = _searched(positions, faces)
     hull, hull_tree = _searched(hull_positions, hull_faces)
     return MeshAsset(
@@ -75,7 +77,10 @@ def sphere(level: int, of_hull: int) -> MeshAsset:
         appearance=None,
         edges=(mesh["edge_vertices"], mesh["edge_faces"]),
         hull={"positions": hull_positions, "faces": hull_faces, "normals": hull_normals},
-        maps={"tile_uv": _tiles(len(hull_faces)), "normal": np.full((TEXELS, TEXELS, 3), 200, np.uint8)},
+        maps={
+            "tile_uv": tiles.tile_uv(np.zeros(len(hull_faces), np.int32)),
+            "normal": np.full((tiles.height, tiles.width, 3), 200, np.uint8),
+        },
         tree=SilhouetteTree(mesh, tree),
         clip=Capability(available=True),
         levels=(SilhouetteLevel(hull | {"bound": np.array([HULL_SIZE - 1.0])}, hull_tree),),
@@ -106,14 +111,6 @@ def octasphere(level: int) -> tuple[F4, I4]:
         faces = np.concatenate([np.stack(part, axis=1) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]).astype(np.int32)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     return points.astype(np.float32), np.ascontiguousarray(faces)
-
-
-def _tiles(faces: int) -> F4:
-    """(faces, 3, 2) f4: a square of the maps for each face."""
-    columns = int(np.ceil(np.sqrt(faces)))
-    number = np.arange(faces)
-    corner = np.stack([number % columns, number // columns], axis=1)[:, None, :]
-    return ((corner + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])) / columns).astype(np.float32)
 
 
 def _requests() -> Iterator[RenderRequest]:

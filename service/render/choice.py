@@ -137,7 +137,7 @@ def _named_hull(accuracy: Accuracy, asset: MeshAsset) -> tuple[int, int]:
     if accuracy.texels is None:
         return number, ANY
     hull = hulls[max(number, 0)]
-    return number, next((h for h in range(hull.most_halvings) if hull.texels >> h <= accuracy.texels), hull.most_halvings)
+    return number, next((h for h in range(hull.most_halvings) if hull.texels[h] <= accuracy.texels), hull.most_halvings)
 
 
 def _hulls(asset: MeshAsset, eye: F8, scale: Scale, refusal: str | None) -> tuple[np.ndarray, np.ndarray]:

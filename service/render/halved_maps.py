@@ -5,11 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-MOST_HALVINGS = 2
+import numpy as np
+
+from geometry.tile_layout import TileLayout
+from service.kernels.compositing import linear_table
+from service.kernels.halve_tiles import halve_tiles
+
+_LINEAR = linear_table().astype(np.float64)
 
 
 def halved_maps(maps: Mapping[str, Any], halvings: int) -> dict[str, Any]:
-    """Tensors of `artifacts.MAPS`, their tiles' sides halved so often; the same maps for none."""
-    if halvings:
-        raise ValueError("maps are not halved")
-    return dict(maps)
+    """Tensors of `artifacts.MAPS`, the sides of their tiles halved so often; the same maps for none."""
+    if not halvings:
+        return dict(maps)
+    normal = maps["normal"]
+    layout = TileLayout.of(maps["tile_uv"], normal.shape[1], normal.shape[0])
+    small = layout.halved(halvings)
+    made: dict[str, Any] = {"tile_uv": small.tile_uv(layout.turns(maps["tile_uv"]))}
+    for name, empty in (("normal", (128, 128, 255)), ("color", (0, 0, 0, 0))):
+        if name in maps:
+            made[name] = np.full((small.height, small.width, len(empty)), empty, np.uint8)
+            image = np.array(maps[name], np.uint8)  # one array type for the compiler
+            halve_tiles(image, layout.faces, layout.side, layout.columns, small.side, name == "color", _LINEAR, made[name])
+    return made

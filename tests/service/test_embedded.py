@@ -165,7 +165,7 @@ OWNER = """
 import sys, time
 from pathlib import Path
 from service.embedded import EmbeddedBackend
-backend = EmbeddedBackend(Path(sys.argv[1]), worker_count=1, environment={"SILHOUETTE_WARM_KERNELS": "false"})
+backend = EmbeddedBackend(Path(sys.argv[1]), worker_count=1, environment={"SILHOUETTE_WARM_KERNELS": "false", "SILHOUETTE_MEASURE": "0"})
 backend.start()
 while len(backend.pids()) < 2:
     time.sleep(0.01)

@@ -9,10 +9,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from geometry.shading import shading_normals
+from geometry.tile_layout import TileLayout, least_texels
 from geometry.topology import build_edges, face_normals, vertex_normals
 from schemas.errors import CancelledError
 from tests.meshes import bumpy_sphere, cube, eyes, joined, normalised, shared, sphere, torus
-from worker.bake import Surface, TileLayout, bake_maps, hull_normals, least_texels
+from worker.bake import Surface, bake_maps, hull_normals
 from worker.hull import build_hull
 from worker.kernels import bake_boxes, bake_color, bake_tiles
 

@@ -30,7 +30,12 @@ from worker.stages import Result
 
 UNCHECKED = [stage for stage in STAGES if stage != "verify"]
 SMALL = {"hull_faces": 60, "texels": 64}
-ENVIRONMENT = {"SILHOUETTE_WARM_KERNELS": "false", "SILHOUETTE_LOG_LEVEL": "WARNING", "SILHOUETTE_RECONCILE_INTERVAL_S": "1"}
+ENVIRONMENT = {
+    "SILHOUETTE_WARM_KERNELS": "false",
+    "SILHOUETTE_MEASURE": "false",
+    "SILHOUETTE_LOG_LEVEL": "WARNING",
+    "SILHOUETTE_RECONCILE_INTERVAL_S": "1",
+}
 
 
 def ply(mesh):

@@ -1,18 +1,6 @@
 """Texels of the triangle tiles: the rays they shoot, what they find, and their padding.
 
-A tile of side K holds the lattice points (i, j), i + j <= K, of its face: texel (i, j) has the barycentric weights
-(1 - (i + j) / K, i / K, j / K) of the corners turned so that the right angle comes first. Two tiles share a cell of K + 3 by
-K + 2 texels, the second turned by half a turn. K = 3, tile A, tile B, padding in lower case, `.` unused:
-
-    A A A A . b
-    A A A a b B
-    A A a b B B
-    A a b B B B
-    a . B B B B
-
-Texel (i, j) with i + j = K + 1 is the padding that bilinear lookup on the hypotenuse reads besides the tile itself. It
-continues the lattice as a parallelogram, so that along the hypotenuse the lookup is linear between the lattice points, just
-as along the legs: two faces that share an edge agree along it.
+Where the texels of a tile lie: `geometry.tile_layout`.
 """
 
 from __future__ import annotations
@@ -22,6 +10,8 @@ import math
 import numpy as np
 from numba import njit
 
+from geometry.tile_layout import texel_at
+
 LEAST_FACING = 0.1  # a ray makes at most 84 degrees with the normal of the face that it leaves
 
 
@@ -29,16 +19,6 @@ LEAST_FACING = 0.1  # a ray makes at most 84 degrees with the normal of the face
 def texels_per_tile(side):
     """Lattice points of a tile, padding apart."""
     return (side + 1) * (side + 2) // 2
-
-
-@njit(cache=True)
-def texel_at(face, i, j, side, columns):
-    """(row, column) of texel (i, j) of a face's tile."""
-    cell = face // 2
-    row, column = cell // columns * (side + 2), cell % columns * (side + 3)
-    if face % 2 == 0:
-        return row + j, column + i
-    return row + side + 1 - j, column + side + 2 - i
 
 
 @njit(cache=True)
@@ -178,19 +158,6 @@ def place_texels(values, image, side, columns, first, last):
             row, column = texel_at(f, i, side + 1 - i, side, columns)
             image[row, column] = values[n]
             n += 1
-
-
-@njit(cache=True)
-def tile_owners(face_count, side, columns, height, width):
-    """(h, w) i4: the face whose tile a texel belongs to, padding included; -1 where it belongs to none."""
-    owner = np.full((height, width), -1, np.int32)
-    for f in range(face_count):
-        for j in range(side + 1):
-            for i in range(side + 1):
-                if i + j <= side + 1:
-                    row, column = texel_at(f, i, j, side, columns)
-                    owner[row, column] = f
-    return owner
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from worker.kernels.bake_tiles import texel_at
+from geometry.tile_layout import texel_at
 
 
 @njit(cache=True, nogil=True)
