@@ -115,8 +115,8 @@ class AccuracyRung(RungKey):
     wrong_pixels: float
     psnr_db: float
     ssim: float
-    ms: float = Field(description="median of a frame on the device")
-    ms_p95: float
+    ms: float = Field(description="median of a frame on the device, measured or predicted")
+    ms_p95: float | None = Field(None, description="95th percentile; none where times are predicted")
     passes: dict[str, Spread] = {}
 
 

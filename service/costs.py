@@ -201,7 +201,7 @@ class CostModel:
             off = []
             for at in measured[key.label].sizes:
                 terms = _terms(facts[at.size].silhouette_edges, ViewTerms(facts[at.size].area_px, float(at.size**2)))
-                guess = float(mesh.costs[number, : TERMS - 1] @ terms) + mesh.costs[number, TERMS - 1] * _added_px(at, key) * terms[3]
+                guess = float(mesh.costs[number, : TERMS - 1] @ terms) + mesh.costs[number, TERMS - 1] * added_px(at, key) * terms[3]
                 if guess > 0.0 and at.frame.p50_ms > 0.0:
                     off.append(math.log(at.frame.p50_ms / guess))
             if off:
@@ -228,7 +228,7 @@ def _terms(edges: float, view: ViewTerms) -> F8:
     return np.array([1.0, edges, view.area_px, math.sqrt(view.area_px), view.image_px])
 
 
-def _added_px(at: RungAtSize, key: RungKey) -> float:
+def added_px(at: RungAtSize, key: RungKey) -> float:
     """By how many pixels the level of a measured rung was beyond the mesh."""
     return 0.0 if key.level is None or at.bound_px is None else max(0.0, at.bound_px - OUTLINE_ERROR_PX[key.antialias])
 
