@@ -12,9 +12,10 @@ FULL = 255
 def reduce_samples(pixels, side, table, out):
     """Mean of side x side samples: pixels (h * side, w * side) u4 words of sRGB and alpha, to out (h, w, 4) f4, premultiplied linear.
 
-    table: (256,) f4 linear light of sRGB bytes. Alpha of the samples is the weight of their colour.
+    table: (256,) f4 linear light of sRGB bytes. Alpha of the samples is the weight of their colour; the mean of samples that are opaque
+    or empty has their exact share as its alpha, for up to 256 of them.
     """
-    share = np.float32(1.0 / (255.0 * side * side))
+    whole = np.float32(255 * side * side)
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             r = g = b = a = np.float32(0.0)
@@ -28,7 +29,7 @@ def reduce_samples(pixels, side, table, out):
                         g += alpha * table[(word >> np.uint32(8)) & np.uint32(FULL)]
                         b += alpha * table[(word >> np.uint32(16)) & np.uint32(FULL)]
                         a += alpha
-            out[y, x, 0], out[y, x, 1], out[y, x, 2], out[y, x, 3] = r * share, g * share, b * share, a * share
+            out[y, x, 0], out[y, x, 1], out[y, x, 2], out[y, x, 3] = r / whole, g / whole, b / whole, a / whole
 
 
 @njit(cache=True, nogil=True)
@@ -70,26 +71,23 @@ def colour_sums(made, true, encode, luma, mask):
     """(sum of squared errors of sRGB bytes, how many bytes), over pixels that both cover fully.
 
     made (h, w, 4) u1 straight sRGB; true (h, w, 4) f4 premultiplied linear; encode (n,) f4: sRGB in 0..255 of evenly spaced linear light.
-    Writes luma (2, h, w) f4 of both over black, 0..255, and mask (h, w) bool of those pixels.
+    Writes luma (2, h, w) f4 of both, 0..255, and mask (h, w) f4: 1 for those pixels; both 0 for the others.
     """
     error, count, last = 0.0, 0, encode.shape[0] - 1
     for y in range(made.shape[0]):
         for x in range(made.shape[1]):
-            covered, alpha = true[y, x, 3], np.float32(made[y, x, 3]) / np.float32(255.0)
-            full = covered >= 1.0 and made[y, x, 3] == FULL
-            mask[y, x] = full
-            mine = its = np.float32(0.0)
+            mask[y, x] = luma[0, y, x] = luma[1, y, x] = np.float32(0.0)
+            if true[y, x, 3] < 1.0 or made[y, x, 3] != FULL:
+                continue
+            mask[y, x] = np.float32(1.0)
             for c in range(3):
-                light = true[y, x, c] / covered if covered > 0.0 else np.float32(0.0)
-                at = min(max(light, np.float32(0.0)), np.float32(1.0)) * np.float32(last)
+                at = min(max(true[y, x, c], np.float32(0.0)), np.float32(1.0)) * np.float32(last)
                 low = min(int(at), last - 1)
                 byte = encode[low] + (encode[low + 1] - encode[low]) * (at - np.float32(low))
                 weight = np.float32(0.2126) if c == 0 else np.float32(0.7152) if c == 1 else np.float32(0.0722)
-                its += weight * byte * covered
-                mine += weight * np.float32(made[y, x, c]) * alpha
-                if full:
-                    d = np.float64(made[y, x, c]) - np.float64(byte)
-                    error += d * d
-                    count += 1
-            luma[0, y, x], luma[1, y, x] = mine, its
+                luma[0, y, x] += weight * np.float32(made[y, x, c])
+                luma[1, y, x] += weight * byte
+                d = np.float64(made[y, x, c]) - np.float64(byte)
+                error += d * d
+                count += 1
     return error, count

@@ -2,7 +2,8 @@
 
 Outline: the difference of alpha. Its distance in pixels is measured so: in a pixel that a straight edge passes upright, alpha differs
 by as much as the edge is displaced, so the largest difference of alpha is taken; where a pixel shows the mesh although no part of it is
-there, or the reverse, it is the distance to the nearest pixel where that is right. Shading: colours of pixels that both cover fully.
+there, or the reverse, it is the distance to the nearest pixel where that is right, and the picture's diagonal if there is none. Shading:
+colours of pixels that both cover fully. Windows of structural similarity see those pixels and no others, so that no outline comes into it.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter
 
-from schemas.conventions import F4, U1
+from schemas.conventions import F4, F8, U1, Array
 from schemas.ladder import OutlineError, ShadingError
 from service.kernels.picture_errors import colour_sums, far_pixels, outline_sums
 
@@ -60,26 +61,38 @@ def outline_of(made: U1, true: F4) -> OutlineSums:
     error, squares, boundary, wrong, largest = outline_sums(mine, its)
     far = np.zeros(mine.shape, np.bool_)
     if far_pixels(mine, its, far):
-        outside = distance_transform_edt(its == 0.0)
-        inside = distance_transform_edt(its == 1.0)
-        largest = max(largest, float(np.where(its == 0.0, outside, inside)[far].max()))
+        distances = np.where(its == 0.0, _distances(its == 0.0), _distances(its == 1.0))
+        largest = max(largest, float(distances[far].max()))
     return OutlineSums(error, squares, boundary, wrong, largest)
+
+
+def _distances(alike: Array) -> F8:
+    """(h, w) f8 pixels from each of these (h, w) bool to the nearest that is not one."""
+    return np.full(alike.shape, math.hypot(*alike.shape)) if alike.all() else np.asarray(distance_transform_edt(alike))
 
 
 def shading_of(made: U1, true: F4) -> ShadingSums:
     """Errors of the colours of made (h, w, 4) u1 sRGB, straight, against true (h, w, 4) f4 linear, premultiplied."""
-    luma, mask = np.empty((2, *made.shape[:2]), np.float32), np.empty(made.shape[:2], np.bool_)
+    luma, mask = np.empty((2, *made.shape[:2]), np.float32), np.empty(made.shape[:2], np.float32)
     squares, count = colour_sums(np.ascontiguousarray(made), true, _ENCODED, luma, mask)
     if not count:
         return ShadingSums(0.0, 0, 0.0, 0)
-    similarity = structural_similarity(luma[0], luma[1])[mask]
-    return ShadingSums(squares, count, float(similarity.sum()), int(mask.sum()))
+    around = find_objects(mask.astype(np.int8))[0]
+    similarity = structural_similarity(luma[0][around], luma[1][around], mask[around])
+    return ShadingSums(squares, count, float(similarity.sum(dtype=np.float64)), len(similarity))
 
 
-def structural_similarity(a: F4, b: F4) -> F4:
-    """(h, w) f4 of two pictures of 0..255 (Wang, Bovik, Sheikh, Simoncelli 2004), with their constants and window."""
+def structural_similarity(a: F4, b: F4, mask: F4) -> F4:
+    """(n,) f4 at the pixels where mask (h, w) f4 is 1, of two pictures (h, w) f4 of 0..255 that are 0 where it is 0.
+
+    Wang, Bovik, Sheikh, Simoncelli 2004, with their constants and window; a window's weights are shared out among the pixels of the mask.
+    """
     c1, c2 = (0.01 * 255.0) ** 2, (0.03 * 255.0) ** 2
-    mean_a, mean_b, aa, bb, ab = (gaussian_filter(picture, SIGMA_PX, truncate=3.5) for picture in (a, b, a * a, b * b, a * b))
+    inside = mask > 0.0
+    weights, *sums = (
+        gaussian_filter(picture, SIGMA_PX, mode="constant", truncate=3.5)[inside] for picture in (mask, a, b, a * a, b * b, a * b)
+    )
+    mean_a, mean_b, aa, bb, ab = (one / weights for one in sums)
     var_a, var_b, both = aa - mean_a**2, bb - mean_b**2, ab - mean_a * mean_b
     similar = (2.0 * mean_a * mean_b + c1) * (2.0 * both + c2) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
     return np.asarray(similar, np.float32)

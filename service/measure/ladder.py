@@ -1,8 +1,11 @@
 """Measuring every rung of a mesh, view by view, and putting the ladder together.
 
-Errors factor: the outline does not depend on which hull is drawn, nor on its maps; the colour of what is fully covered does not depend
-on the outline. So outlines are compared once for each antialiasing and level, and shading once for each hull and size of maps; every rung
-is drawn for its times.
+Errors factor: the outline does not depend on which hull is drawn, nor on its maps, but where a level without antialiasing ends at the
+hull; the colour of what is fully covered does not depend on the outline. So outlines are compared once for each antialiasing and level,
+and shading once for each hull and size of maps; every rung is drawn for its times.
+
+Rungs that draw the same surface in the same way are drawn one after the other, and before the first of them comes a frame that does not
+count: as for a client that turns a mesh, whose frames find in the caches what the one before left.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from typing import NamedTuple
 
 from pydantic import BaseModel
 
+from schemas.conventions import U1
 from schemas.errors import CapabilityError
 from schemas.ladder import SAMPLES, SIZES, VIEWS, Ladder, MeasuredRung, RungAtSize, Spread, ViewFacts
 from schemas.render import Accuracy, Antialias, AnyCamera, RenderRequest, Source
@@ -23,7 +27,7 @@ from service.measure.reference import reference
 from service.measure.views import spread_view
 from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
-from service.rungs import Rung, RungTable
+from service.rungs import ANTIALIAS_CODE, SOURCE_CODE, Rung, RungTable
 
 
 class Step(NamedTuple):
@@ -68,8 +72,9 @@ def explicit(table: RungTable, number: int) -> Accuracy:
 
 
 def outline_factor(rung: Rung) -> str:
-    """What the outline of a rung depends on."""
-    return f"{rung.source.value}/{rung.antialias.value}/{'mesh' if rung.level is None else rung.level}"
+    """What the outline of a rung depends on. A level's may leave the hull, and only `none` draws nothing beside a hull."""
+    hull = f"/hull {rung.hull}" if rung.antialias is Antialias.NONE and rung.level is not None else ""
+    return f"{rung.source.value}/{rung.antialias.value}/{'mesh' if rung.level is None else rung.level}{hull}"
 
 
 def shading_factor(rung: Rung) -> str:
@@ -79,25 +84,33 @@ def shading_factor(rung: Rung) -> str:
     return f"hull {rung.hull}/{rung.halvings}"
 
 
-def measure_step(gpu: Gpu, asset: MeshAsset, step: Step, views: int = VIEWS) -> Measured:
-    """Draw every rung in one view and compare. Rungs that this view refuses are left out."""
+def measure_step(gpu: Gpu, asset: MeshAsset, step: Step, views: int = VIEWS, *, first: bool = True) -> Measured:
+    """Draw every rung in one view and compare. Rungs that this view refuses are left out.
+
+    first: of this size since the GL was made, so that every rung may have something to compile or upload.
+    """
     camera = spread_view(step.view, views)
     true = reference(gpu, asset, camera, step.size)
     outlines: dict[str, OutlineSums] = {}
-    shadings: dict[str, ShadingSums] = {}
+    shown: dict[str, U1] = {}
     rungs: dict[int, RungInView] = {}
     area = edges = 0
-    for number, rung in enumerate(asset.rungs.rungs):
-        image = _drawn(gpu, asset, number, camera, step.size, warm=step.view == 0)
-        if image is None or image.planned is None:
+    before: tuple[int, ...] = ()
+    for number, rung in sorted(enumerate(asset.rungs.rungs), key=lambda pair: _turn(pair[1])):
+        image = _drawn(gpu, asset, number, camera, step.size, warm=first or _turn(rung)[:-1] != before)
+        before = _turn(rung)[:-1]
+        if image is None:
             continue
+        assert image.planned is not None
         area, certified = image.planned.area.pixels, image.planned.choice.bound == "certified"
         edges = image.edges if rung.level is None and image.edges else edges
         rungs[number] = RungInView(ms=image.ms, passes=dict(image.passes), bound_px=image.error_px if certified else None)
         if outline_factor(rung) not in outlines:
             outlines[outline_factor(rung)] = outline_of(image.pixels, true)
-        if _shows_shading(rung) and shading_factor(rung) not in shadings:
-            shadings[shading_factor(rung)] = shading_of(image.pixels, true)
+        if _shows_shading(rung):
+            shown.setdefault(shading_factor(rung), image.pixels)
+    # last, since it leaves nothing of a frame in the caches
+    shadings = {name: shading_of(pixels, true) for name, pixels in shown.items()}
     return Measured(
         size=step.size,
         view=step.view,
@@ -110,7 +123,7 @@ def measure_step(gpu: Gpu, asset: MeshAsset, step: Step, views: int = VIEWS) -> 
 
 
 def put_together(asset: MeshAsset, device: str, measured: list[Measured], views: int = VIEWS) -> Ladder:
-    """The ladder of all steps. Rungs that no view allowed are not in it."""
+    """The ladder of all steps. Rungs that one of them refused are not in it: they would be compared in other views than the rest."""
     by_size: dict[int, list[Measured]] = defaultdict(list)
     for one in measured:
         by_size[one.size].append(one)
@@ -132,14 +145,21 @@ def put_together(asset: MeshAsset, device: str, measured: list[Measured], views:
 
 
 def _drawn(gpu: Gpu, asset: MeshAsset, number: int, camera: AnyCamera, size: int, *, warm: bool) -> RenderedImage | None:
-    """A picture on a rung, the second of two where the first has to compile and upload; None where the view refuses the rung."""
+    """A picture on a rung, the second of two where the first finds nothing in the caches; None where the view refuses the rung."""
     request = RenderRequest(camera=camera, width=size, height=size, accuracy=explicit(asset.rungs, number))
     try:
         for _ in range(2 if warm else 1):
             image = render_frame(gpu, asset, request, wait_each=True)
     except CapabilityError:
         return None
-    return image
+    assert image.planned is not None
+    return image if image.planned.choice.number == number else None
+
+
+def _turn(rung: Rung) -> tuple[int, ...]:
+    """Where a rung stands in the order of drawing: what draws, then what it outlines."""
+    hull, level = (-1 if number is None else number for number in (rung.hull, rung.level))
+    return SOURCE_CODE[rung.source], hull, rung.halvings, ANTIALIAS_CODE[rung.antialias], level
 
 
 def _shows_shading(rung: Rung) -> bool:
@@ -149,11 +169,11 @@ def _shows_shading(rung: Rung) -> bool:
 
 def _at_size(rung: Rung, number: int, size: int, measured: list[Measured]) -> RungAtSize | None:
     drawn = [one.rungs[number] for one in measured if number in one.rungs]
-    if not drawn:
+    if len(drawn) < len(measured):
         return None
-    outlines = [OutlineSums(*one.outlines[outline_factor(rung)]) for one in measured if outline_factor(rung) in one.outlines]
+    outlines = [OutlineSums(*one.outlines[outline_factor(rung)]) for one in measured]
     shadings = [ShadingSums(*one.shadings[shading_factor(rung)]) for one in measured if shading_factor(rung) in one.shadings]
-    names = {name: None for one in drawn for name in one.passes}
+    names = dict.fromkeys(name for one in drawn for name in one.passes)
     bounds = [one.bound_px for one in drawn if one.bound_px is not None]
     return RungAtSize(
         size=size,
