@@ -80,7 +80,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 
 def _open(settings: ServiceSettings) -> Services:
     queue = JobQueue.open(settings)
-    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib), None
+    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib, true_times=True), None
     try:
         renderer.start()
     except EglUnavailableError as error:  # uploads, silhouettes and downloads work without; /readyz says what is missing
