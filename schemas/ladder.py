@@ -108,7 +108,9 @@ class AccuracyRung(RungKey):
 
     name: str
     level_faces: int | None = None
-    bound_px: float | None = Field(description="certified: the outline is never further off in these views; none where that is not known")
+    bound_px: float | None = Field(
+        None, description="certified: the outline is never further off in these views; none where that is not known"
+    )
     alpha_error: float
     alpha_rmse: float
     distance_px: float

@@ -111,6 +111,7 @@ class _MeshCosts:
         self.table, self.costs, self.edges = asset.rungs, costs, edges
         self.factor = 0.0
         self.rung_factors, self.frames = np.zeros(len(costs)), np.zeros(len(costs), np.int64)
+        self.drawn = np.zeros(len(costs), np.bool_)
         self.scale = np.ones(len(costs))
 
     def rescale(self, device_factor: float) -> None:
@@ -163,9 +164,15 @@ class CostModel:
         return {name: float(self._row(asset, rung, [name]) @ terms * mesh.scale[number]) for name in passes}
 
     def observe(self, asset: MeshAsset, number: int, view: ViewTerms, ms: float, edges: int | None) -> None:
-        """Learn from a frame: what it took, and how many silhouette edges of the mesh it met (None where it took them from elsewhere)."""
+        """Learn from a frame: what it took, and how many silhouette edges of the mesh it met (None where it took them from elsewhere).
+
+        The first frame of a rung teaches nothing.
+        """
         mesh = self.of(asset)
         guess = float(predicted(mesh.costs, mesh.scale, _terms(mesh.edges, view), view.beyond_px, number))
+        if not mesh.drawn[number]:  # uploads, compiles and unpacks: no measure of those that follow
+            mesh.drawn[number] = True
+            return
         if edges:
             mesh.edges += (0.1 if mesh.frames.any() else 1.0) * (edges - mesh.edges)
         if not (guess > 0.0 and ms > 0.0):
