@@ -22,7 +22,7 @@ from schemas.errors import CapabilityError
 from schemas.ladder import SAMPLES, SIZES, VIEWS, Ladder, MeasuredRung, RungAtSize, Spread, ViewFacts
 from schemas.render import Accuracy, Antialias, AnyCamera, RenderRequest, Source
 from service.assets import MeshAsset
-from service.measure.errors import OutlineSums, ShadingSums, outline_error, outline_of, shading_error, shading_of
+from service.measure.errors import Distances, OutlineSums, ShadingSums, outline_error, outline_of, shading_error, shading_of
 from service.measure.reference import reference
 from service.measure.views import spread_view
 from service.render.frame import RenderedImage, render_frame
@@ -95,6 +95,7 @@ def measure_step(gpu: Gpu, asset: MeshAsset, step: Step, views: int = VIEWS, *, 
     """
     camera = spread_view(step.view, views)
     true = reference(gpu, asset, camera, step.size)
+    distances = Distances(true[:, :, 3])
     outlines: dict[str, OutlineSums] = {}
     shown: dict[str, U1] = {}
     rungs: dict[int, RungInView] = {}
@@ -110,7 +111,7 @@ def measure_step(gpu: Gpu, asset: MeshAsset, step: Step, views: int = VIEWS, *, 
         edges = image.edges if rung.level is None and image.edges else edges
         rungs[number] = RungInView(ms=image.ms, passes=dict(image.passes), bound_px=image.error_px if certified else None)
         if outline_factor(rung) not in outlines:
-            outlines[outline_factor(rung)] = outline_of(image.pixels, true)
+            outlines[outline_factor(rung)] = outline_of(image.pixels, true, distances)
         if _shows_shading(rung):
             shown.setdefault(shading_factor(rung), image.pixels)
     # last, since it leaves nothing of a frame in the caches
