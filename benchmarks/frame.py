@@ -26,15 +26,20 @@ from benchmarks.models import mesh_file
 from benchmarks.report import mesh_parser, report
 from schemas.conventions import F8
 from schemas.mesh import PreprocessOptions
-from schemas.render import MAX_SIDE_PX, Accuracy, Antialias, ImageFormat, Orbit, OrbitCamera, RenderRequest, Shading, ShadingMode, Source
-from service.assets import MeshAsset
+from schemas.render import MAX_SIDE_PX, Accuracy, Antialias, ImageFormat, RenderRequest, Shading, ShadingMode, Source
+from service.assets import DrawnHull, MeshAsset
+from service.measure.views import spread_view
 from service.render.encode import encode
 from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
 from service.silhouette.extract import SilhouetteTree
+from service.silhouette.levels import SilhouetteLevel
 from worker.bake import bake_maps, hull_normals
-from worker.hull import build_hull
-from worker.load import load_mesh
+from worker.hull import Hull, build_hull
+from worker.hulls import build_other_hull, other_sizes
+from worker.levels import build_levels
+from worker.load import LoadedMesh, load_mesh
+from worker.stages import map_tensors
 from worker.tree import build_tree
 
 RUNGS = {
@@ -48,15 +53,14 @@ COVERAGE = "clipped_coverage_ms"
 ROUNDS = 3
 SAMPLES = 16
 WRONG = 0.02
-GOLDEN_DEG = 137.50776405003785
 
 
 def silent(_: float) -> None:
     return None
 
 
-def prepare(path: Path, options: PreprocessOptions) -> MeshAsset:
-    """The mesh with everything that clipping needs."""
+def prepare(path: Path, options: PreprocessOptions, *, every_rung: bool = False) -> MeshAsset:
+    """The mesh with everything that clipping needs. every_rung: with its silhouette levels and its hulls of other sizes, too."""
     mesh = load_mesh(path, path.suffix, options)
     if mesh.edges is None or not mesh.clip.available:
         raise SystemExit(f"this mesh cannot be clipped: {mesh.clip.reason}")
@@ -78,20 +82,33 @@ def prepare(path: Path, options: PreprocessOptions) -> MeshAsset:
         appearance=mesh.appearance,
         edges=(edges.vertices, edges.faces),
         hull={"positions": hull.positions, "faces": hull.faces, "normals": normals},
-        maps={"tile_uv": maps.tile_uv, "normal": maps.normal} | ({} if maps.color is None else {"color": maps.color}),
+        maps=map_tensors(maps),
         tree=SilhouetteTree(tensors, tree.tensors()),
         clip=mesh.clip,
         normal_vertices=shading.get("normal_vertices"),
         corner_normals=rows,
+        levels=_levels(mesh, hull) if every_rung else (),
+        other_hulls=_other_hulls(mesh, hull, options) if every_rung else (),
     )
+
+
+def _levels(mesh: LoadedMesh, hull: Hull) -> tuple[SilhouetteLevel, ...]:
+    steps = (hull.step_vertices, hull.step_positions)
+    made = build_levels(mesh.positions, mesh.faces, steps, len(hull.faces), silent)
+    return tuple(SilhouetteLevel(level.tensors(), level.tree.tensors()) for level in made)
+
+
+def _other_hulls(mesh: LoadedMesh, hull: Hull, options: PreprocessOptions) -> tuple[DrawnHull, ...]:
+    tensors = {"positions": mesh.positions, "faces": mesh.faces} | mesh.shading.tensors()
+    steps, sizes = (hull.step_vertices, hull.step_positions), other_sizes(len(mesh.faces), len(hull.faces))
+    made = [build_other_hull(tensors, mesh.appearance, steps, size, options.texels, silent) for size in sizes]
+    return tuple(DrawnHull(one.tensors(), map_tensors(one.maps)) for one in made if one is not None)
 
 
 def request(view: int, views: int, side: int, rung: tuple[Source, Antialias], mode: ShadingMode = ShadingMode.LAMBERT) -> RenderRequest:
     """One of `views` cameras spread evenly over the sphere of directions."""
-    elevation = float(np.degrees(np.arcsin(1.0 - 2.0 * (view + 0.5) / views)))
-    camera = OrbitCamera(orbit=Orbit(azimuth_deg=(view * GOLDEN_DEG) % 360.0, elevation_deg=elevation))
     accuracy = Accuracy(source=rung[0], antialias=rung[1])
-    return RenderRequest(camera=camera, width=side, height=side, accuracy=accuracy, shading=Shading(mode=mode))
+    return RenderRequest(camera=spread_view(view, views), width=side, height=side, accuracy=accuracy, shading=Shading(mode=mode))
 
 
 def frame_times(gpu: Gpu, asset: MeshAsset, views: int, side: int) -> dict[str, Any]:

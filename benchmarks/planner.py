@@ -23,10 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from schemas.render import Accuracy, Orbit, OrbitCamera, RenderRequest, Source
+from schemas.render import Accuracy, Orbit, OrbitCamera, RenderRequest
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
 from service.costs import ViewTerms
+from service.measure.ladder import explicit
 from service.render.calibration import calibrate
 from service.render.choice import CERTAIN, Choice, choose
 from service.render.frame import RenderedImage, render_frame
@@ -60,15 +61,6 @@ def calibrated(cache_mib: int = 1024) -> tuple[Gpu, float]:
     return gpu, time.perf_counter() - start
 
 
-def explicit(asset: MeshAsset, number: int) -> Accuracy:
-    """The rung of that number, as a request names it."""
-    key = asset.rungs.keys[number]
-    if key.source is Source.ORIGINAL:
-        return Accuracy(source=key.source, antialias=key.antialias)
-    level = -1 if key.level is None else key.level
-    return Accuracy(source=key.source, antialias=key.antialias, level=level, hull_faces=key.hull_faces, texels=key.texels)
-
-
 class Random:
     """Random views and requests."""
 
@@ -98,7 +90,7 @@ def predictions(gpu: Gpu, asset: MeshAsset, random: Random) -> list[float]:
     """predicted / observed of all frames that count."""
     ratios = []
     for _ in range(TURNS):
-        request = random.request(explicit(asset, random.number()))
+        request = random.request(explicit(asset.rungs, random.number()))
         for turn in range(WARM_FRAMES + FRAMES):
             turned = turned_by(request, turn * TURN_DEG)
             view = resolve_camera(turned.camera, asset.frame, turned.width, turned.height, asset.radius)
@@ -146,7 +138,7 @@ def choice_is_right(gpu: Gpu, asset: MeshAsset, request: RenderRequest) -> dict[
 
 
 def with_rung(asset: MeshAsset, request: RenderRequest, number: int) -> RenderRequest:
-    return request.model_copy(update={"accuracy": explicit(asset, number)})
+    return request.model_copy(update={"accuracy": explicit(asset.rungs, number)})
 
 
 def allowed(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View) -> list[tuple[int, Choice]]:
@@ -160,7 +152,7 @@ def allowed(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View) -> l
             rung.halvings < default.halvings or (not free and (rung.hull, rung.halvings) != (0, default.halvings))
         ):
             continue
-        found.append((number, choose(explicit(asset, number), asset, view, terms, gpu.costs)))
+        found.append((number, choose(explicit(asset.rungs, number), asset, view, terms, gpu.costs)))
     return found
 
 
@@ -205,7 +197,7 @@ def evaluate(gpu: Gpu, asset: MeshAsset, seed: int, told: Callable[[str], None] 
     random = Random(asset, seed)
     for _ in range(ROUNDS):
         for number in range(len(asset.rungs.rungs)):
-            draw(gpu, asset, random.request(explicit(asset, number)))
+            draw(gpu, asset, random.request(explicit(asset.rungs, number)))
     told("warm")
     ratios = predictions(gpu, asset, random)
     told("predicted")

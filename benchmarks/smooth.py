@@ -21,7 +21,7 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from benchmarks.frame import GOLDEN_DEG, prepare
+from benchmarks.frame import prepare
 from benchmarks.report import report
 from client.shapes import Faces, Vertices, torus_knot, tube, write_ply
 from geometry.silhouettes import silhouette_scalar
@@ -31,6 +31,7 @@ from schemas.mesh import PreprocessOptions
 from schemas.render import Accuracy, Orbit, OrbitCamera, RenderRequest, Shading, ShadingMode
 from service.assets import MeshAsset
 from service.camera import resolve_camera
+from service.measure.views import spread_view
 from service.render.frame import render_frame
 from service.render.state import Gpu
 from service.silhouette.coverage import coverage_mask
@@ -85,9 +86,8 @@ def prepared(name: str) -> MeshAsset:
 
 
 def request(view: int, views: int, side: int, *, smooth: bool, mode: ShadingMode = ShadingMode.LAMBERT) -> RenderRequest:
-    elevation = float(np.degrees(np.arcsin(1.0 - 2.0 * (view + 0.5) / views)))
-    camera = OrbitCamera(orbit=Orbit(azimuth_deg=(view * GOLDEN_DEG) % 360.0, elevation_deg=elevation))
-    return RenderRequest(camera=camera, width=side, height=side, accuracy=Accuracy(smooth=smooth), shading=Shading(mode=mode))
+    camera, accuracy = spread_view(view, views), Accuracy(smooth=smooth)
+    return RenderRequest(camera=camera, width=side, height=side, accuracy=accuracy, shading=Shading(mode=mode))
 
 
 def compare(gpu: Gpu, name: str, views: int, side: int) -> dict[str, Any]:

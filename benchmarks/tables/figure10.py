@@ -24,6 +24,7 @@ from schemas.conventions import F4, F8, I4, U1
 from schemas.mesh import PreprocessOptions
 from schemas.render import MAX_SIDE_PX, Accuracy, Antialias, Orbit, OrbitCamera, RenderRequest, Source
 from service.assets import MeshAsset
+from service.measure.views import GOLDEN_DEG
 from service.render.frame import render_frame
 from service.render.state import Gpu
 from service.silhouette.extract import SilhouetteTree
@@ -112,7 +113,7 @@ def _moved_out(positions: F4, faces: I4, original: F4) -> F4:
 def camera(view: int, views: int, asset: MeshAsset) -> OrbitCamera:
     """One of `views` cameras spread evenly over the sphere, at one distance whatever is drawn."""
     elevation = float(np.degrees(np.arcsin(1.0 - 2.0 * (view + 0.5) / views)))
-    turned = (25.0 + view * frame.GOLDEN_DEG) % 360.0
+    turned = (25.0 + view * GOLDEN_DEG) % 360.0
     return OrbitCamera(orbit=Orbit(azimuth_deg=turned, elevation_deg=elevation, distance=DISTANCE * asset.frame.scale))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter
@@ -55,20 +56,31 @@ class ShadingSums:
     pixels: int
 
 
-def outline_of(made: U1, true: F4) -> OutlineSums:
-    """Errors of the alpha of made (h, w, 4) u1 against that of true (h, w, 4) f4."""
+@dataclass(frozen=True)
+class Distances:
+    """Of the pixels of a reference whose alpha is (h, w) f4; worked out once, when a picture is so far off that it needs them."""
+
+    alpha: F4
+
+    @cached_property
+    def px(self) -> F8:
+        """(h, w) f8 from each full pixel to the nearest that is not, from each empty one to the nearest that is not."""
+        return np.where(self.alpha == 0.0, _from(self.alpha == 0.0), _from(self.alpha == 1.0))
+
+
+def _from(alike: Array) -> F8:
+    """(h, w) f8 from each of these pixels, (h, w) bool, to the nearest that is not one."""
+    return np.full(alike.shape, math.hypot(*alike.shape)) if alike.all() else np.asarray(distance_transform_edt(alike))
+
+
+def outline_of(made: U1, true: F4, distances: Distances | None = None) -> OutlineSums:
+    """Errors of the alpha of made (h, w, 4) u1 against that of true (h, w, 4) f4. distances: of true, for several pictures."""
     mine, its = np.ascontiguousarray(made[:, :, 3]), np.ascontiguousarray(true[:, :, 3])
     error, squares, boundary, wrong, largest = outline_sums(mine, its)
     far = np.zeros(mine.shape, np.bool_)
     if far_pixels(mine, its, far):
-        distances = np.where(its == 0.0, _distances(its == 0.0), _distances(its == 1.0))
-        largest = max(largest, float(distances[far].max()))
+        largest = max(largest, float((distances or Distances(its)).px[far].max()))
     return OutlineSums(error, squares, boundary, wrong, largest)
-
-
-def _distances(alike: Array) -> F8:
-    """(h, w) f8 pixels from each of these (h, w) bool to the nearest that is not one."""
-    return np.full(alike.shape, math.hypot(*alike.shape)) if alike.all() else np.asarray(distance_transform_edt(alike))
 
 
 def shading_of(made: U1, true: F4) -> ShadingSums:

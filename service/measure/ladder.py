@@ -13,16 +13,16 @@ from __future__ import annotations
 import statistics
 from collections import defaultdict
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field, FiniteFloat
 
 from schemas.conventions import U1
 from schemas.errors import CapabilityError
 from schemas.ladder import SAMPLES, SIZES, VIEWS, Ladder, MeasuredRung, RungAtSize, Spread, ViewFacts
 from schemas.render import Accuracy, Antialias, AnyCamera, RenderRequest, Source
 from service.assets import MeshAsset
-from service.measure.errors import OutlineSums, ShadingSums, outline_error, outline_of, shading_error, shading_of
+from service.measure.errors import Distances, OutlineSums, ShadingSums, outline_error, outline_of, shading_error, shading_of
 from service.measure.reference import reference
 from service.measure.views import spread_view
 from service.render.frame import RenderedImage, render_frame
@@ -37,24 +37,28 @@ class Step(NamedTuple):
     view: int
 
 
+Amount = Annotated[FiniteFloat, Field(ge=0.0)]
+Count = Annotated[int, Field(ge=0)]
+
+
 class RungInView(BaseModel):
     """What a rung did in one view. ms: of the frame; passes: of each. bound_px: certified, None where nothing is."""
 
-    ms: float
-    passes: dict[str, float]
-    bound_px: float | None
+    ms: Amount
+    passes: dict[str, Amount]
+    bound_px: Amount | None
 
 
 class Measured(BaseModel):
     """One view at one size. rungs: by number; outlines, shadings: by the names of `outline_factor` and `shading_factor`."""
 
-    size: int
-    view: int
-    area_px: int
-    silhouette_edges: int
+    size: Count
+    view: Count
+    area_px: Count
+    silhouette_edges: Count
     rungs: dict[int, RungInView]
-    outlines: dict[str, tuple[float, float, int, int, float]]
-    shadings: dict[str, tuple[float, int, float, int]]
+    outlines: dict[str, tuple[Amount, Amount, Count, Count, Amount]]
+    shadings: dict[str, tuple[Amount, Count, FiniteFloat, Count]]
 
 
 def steps(views: int = VIEWS, sizes: Iterable[int] = SIZES) -> list[Step]:
@@ -91,6 +95,7 @@ def measure_step(gpu: Gpu, asset: MeshAsset, step: Step, views: int = VIEWS, *, 
     """
     camera = spread_view(step.view, views)
     true = reference(gpu, asset, camera, step.size)
+    distances = Distances(true[:, :, 3])
     outlines: dict[str, OutlineSums] = {}
     shown: dict[str, U1] = {}
     rungs: dict[int, RungInView] = {}
@@ -106,7 +111,7 @@ def measure_step(gpu: Gpu, asset: MeshAsset, step: Step, views: int = VIEWS, *, 
         edges = image.edges if rung.level is None and image.edges else edges
         rungs[number] = RungInView(ms=image.ms, passes=dict(image.passes), bound_px=image.error_px if certified else None)
         if outline_factor(rung) not in outlines:
-            outlines[outline_factor(rung)] = outline_of(image.pixels, true)
+            outlines[outline_factor(rung)] = outline_of(image.pixels, true, distances)
         if _shows_shading(rung):
             shown.setdefault(shading_factor(rung), image.pixels)
     # last, since it leaves nothing of a frame in the caches
@@ -120,6 +125,12 @@ def measure_step(gpu: Gpu, asset: MeshAsset, step: Step, views: int = VIEWS, *, 
         outlines={name: (s.error, s.squares, s.boundary, s.wrong, s.distance_px) for name, s in outlines.items()},
         shadings={name: (s.squares, s.bytes, s.similarity, s.pixels) for name, s in shadings.items()},
     )
+
+
+def is_whole(one: Measured, asset: MeshAsset) -> bool:
+    """Whether it has all that the ladder takes from it, of rungs that there are."""
+    known = dict(enumerate(asset.rungs.rungs))
+    return one.rungs.keys() <= known.keys() and all(outline_factor(known[number]) in one.outlines for number in one.rungs)
 
 
 def put_together(asset: MeshAsset, device: str, measured: list[Measured], views: int = VIEWS) -> Ladder:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.conventions import F4
+from schemas.conventions import F4, Array
 from schemas.ladder import SAMPLES
 from schemas.render import Accuracy, Antialias, AnyCamera, RenderRequest, Source
 from service.assets import MeshAsset
@@ -16,6 +16,7 @@ from service.render.passes.read import read_pixels
 from service.render.passes.surface import draw_surface
 from service.render.plan import plan_frame
 from service.render.state import LINEAR_TABLE, FrameState, Gpu, as_words
+from service.threads import cores, side_by_side
 from service.tile import Tile
 
 
@@ -37,9 +38,20 @@ def reference(gpu: Gpu, asset: MeshAsset, camera: AnyCamera, side: int) -> F4:
         read_pixels(frame)
         if frame.drawn is not None:
             x, y, width, height = (part // SAMPLES for part in (tile.x, tile.y, tile.width, tile.height))
-            reduce_samples(as_words(frame.drawn), SAMPLES, LINEAR_TABLE, out[y : y + height, x : x + width])
+            _reduce(as_words(frame.drawn), out[y : y + height, x : x + width])
     gpu.gl.check()
     return out
+
+
+def _reduce(words: Array, out: F4) -> None:
+    """Average a tile's samples into its pixels: cores take the rows in turn."""
+    rows = iter(range(len(out)))
+
+    def work() -> None:
+        for y in rows:
+            reduce_samples(words[SAMPLES * y : SAMPLES * (y + 1)], SAMPLES, LINEAR_TABLE, out[y : y + 1])
+
+    side_by_side(work, cores())
 
 
 def _on_pixels(area: Tile) -> Tile:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -14,69 +13,86 @@ from backend.manifests import read_drawable
 from backend.store import Store
 from schemas import keys
 from schemas.errors import NotFoundError, StageFailedError
-from schemas.ladder import SAMPLES
+from schemas.ladder import SAMPLES, SIZES, VIEWS, Ladder, RungKey
 from service.assets import MeshAsset, load_asset
-from service.measure.ladder import Measured, measure_step, put_together, steps
-from service.render.context import EglUnavailableError
+from service.measure.ladder import Measured, Step, is_whole, measure_step, put_together, steps
+from service.render.context import PACKAGES, EglUnavailableError
 from service.render.state import Gpu
 
 log = logging.getLogger("silhouette.measure")
 STAGE = "measure"
+VERSION = 1
+"""Of what is kept of a view and how that is measured: raise it when old and new must not mix."""
 CACHE_MIB = 512
+"""Of surfaces: the mesh and all of its hulls, between their turns."""
 
 
 class Partial(BaseModel):
-    """What has been measured before an interruption. device, rungs: of what; another device or other rungs begin anew."""
+    """What has been measured before an interruption, and of what: anything else begins anew."""
 
+    version: int = VERSION
     device: str
-    rungs: list[str]
-    samples: int
+    keys: tuple[RungKey, ...]
+    views: int
+    samples: int = SAMPLES
     measured: list[Measured] = []
 
 
 def measure_mesh(store: Store, mesh_id: str, progress: Callable[[float], None], pause: Callable[[], bool]) -> dict[str, Any] | None:
     """The ladder of a mesh as JSON, or None when `pause` stopped it; what it had is kept, and goes on where it stopped.
 
-    progress takes 0..1 between steps and may raise. Raises NotReadyError, CorruptArtifactError, StageFailedError where nothing can be
-    drawn on this machine, CancelledError when the mesh is deleted meanwhile.
+    It makes a GL context: the process has none and does not fork afterwards. progress takes 0..1 between steps and may raise. Raises
+    NotReadyError, CorruptArtifactError, StageFailedError where nothing can be drawn on this machine, StorageFullError, CancelledError
+    when the mesh is deleted meanwhile.
     """
     asset = load_asset(store, read_drawable(store, mesh_id))
     try:
         gpu = Gpu(CACHE_MIB)
     except EglUnavailableError as error:
-        raise StageFailedError(f"accuracy cannot be measured here: {error}") from error
+        message = f"This machine cannot draw, so nothing was measured. A software renderer comes with: apt-get install {PACKAGES}"
+        raise StageFailedError(message, code="no-renderer") from error
     try:
-        return _measured(store, mesh_id, asset, gpu, progress, pause)
+        ladder = measure(store, mesh_id, asset, gpu, progress, pause)
     finally:
         gpu.release()
+    return None if ladder is None else ladder.model_dump(mode="json")
 
 
-def _measured(
-    store: Store, mesh_id: str, asset: MeshAsset, gpu: Gpu, progress: Callable[[float], None], pause: Callable[[], bool]
-) -> dict[str, Any] | None:
-    partial = _read_partial(
-        store, mesh_id, Partial(device=gpu.costs.device, rungs=[key.label for key in asset.rungs.keys], samples=SAMPLES)
-    )
-    todo = steps()
-    done = {(one.size, one.view) for one in partial.measured}
-    for step in todo:
-        if step in done:
-            continue
-        progress(len(partial.measured) / len(todo))
+def measure(
+    store: Store,
+    mesh_id: str,
+    asset: MeshAsset,
+    gpu: Gpu,
+    progress: Callable[[float], None],
+    pause: Callable[[], bool],
+    views: int = VIEWS,
+    sizes: Sequence[int] = SIZES,
+) -> Ladder | None:
+    """The same with a GL that there is, in so many views and pictures of these sizes."""
+    todo, warmed = steps(views, sizes), set[int]()
+    partial = _read_partial(store, mesh_id, Partial(device=gpu.costs.device, keys=asset.rungs.keys, views=views), asset, todo)
+    for done in range(len(partial.measured), len(todo)):
+        progress(done / len(todo))
         if pause():
-            log.info("paused: others are waiting", extra={"mesh": mesh_id, "done": len(partial.measured)})
+            log.info("paused: others are waiting", extra={"mesh": mesh_id, "done": done})
             return None
-        partial.measured.append(measure_step(gpu, asset, step))
+        step = todo[done]
+        partial.measured.append(measure_step(gpu, asset, step, views, first=step.size not in warmed))
+        warmed.add(step.size)
         with records.publishing(store, mesh_id):
             store.put_bytes(keys.partial(mesh_id, STAGE), partial.model_dump_json().encode())
-    return put_together(asset, partial.device, partial.measured).model_dump(mode="json")
+    return put_together(asset, partial.device, partial.measured, views)
 
 
-def _read_partial(store: Store, mesh_id: str, fresh: Partial) -> Partial:
-    """What an earlier run left, when it is of the same rungs on the same device; otherwise nothing."""
+def _read_partial(store: Store, mesh_id: str, fresh: Partial, asset: MeshAsset, todo: list[Step]) -> Partial:
+    """What an earlier run left, when it is whole, and of the same rungs on the same device; otherwise nothing."""
     try:
-        found = Partial.model_validate(json.loads(store.get_bytes(keys.partial(mesh_id, STAGE))))
-    except (NotFoundError, ValidationError, ValueError):
+        found = Partial.model_validate_json(store.get_bytes(keys.partial(mesh_id, STAGE)))
+    except NotFoundError:
         return fresh
-    same = (found.device, found.rungs, found.samples) == (fresh.device, fresh.rungs, fresh.samples)
-    return found if same else fresh
+    except ValidationError:
+        log.warning("what was measured so far is damaged: begun anew", extra={"mesh": mesh_id})
+        return fresh
+    same = found == fresh.model_copy(update={"measured": found.measured})
+    in_order = [Step(one.size, one.view) for one in found.measured] == todo[: len(found.measured)]
+    return found if same and in_order and all(is_whole(one, asset) for one in found.measured) else fresh
