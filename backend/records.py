@@ -56,11 +56,10 @@ def list_accepted(store: Store) -> Iterator[Accepted]:
             log.exception("unreadable acceptance record", extra={"mesh": mesh_id})
 
 
-def unfinished(store: Store) -> Iterator[str]:
-    """Ids of accepted meshes that have no manifest yet."""
+def manifests(store: Store) -> Iterator[tuple[str, str | None]]:
+    """All ids, those of meshes being deleted among them, each with the version of its manifest; None where it has none."""
     for mesh_id in store.children(keys.MESHES):
-        if not store.exists(keys.manifest(mesh_id)) and is_accepted(store, mesh_id):
-            yield mesh_id
+        yield mesh_id, store.version(keys.manifest(mesh_id))
 
 
 @contextmanager
@@ -73,8 +72,9 @@ def publishing(store: Store, mesh_id: str) -> Iterator[None]:
 
 
 def write_stage(store: Store, mesh_id: str, record: StageRecord) -> None:
-    """Write a stage's record; the caller holds `publishing`."""
+    """Write a stage's record, which ends what it had done in part; the caller holds `publishing`."""
     store.put_bytes(keys.stage_record(mesh_id, record.stage), _json(record))
+    store.delete(keys.partial(mesh_id, record.stage))
 
 
 def read_stage(store: Store, mesh_id: str, stage: str) -> StageRecord | None:

@@ -32,7 +32,7 @@ from service.embedded import EmbeddedBackend
 Values = dict[str, Any]
 POLL_S = 0.005
 SMALL = PreprocessOptions(hull_faces=200, texels=64)
-ENVIRONMENT = {"SILHOUETTE_LOG_LEVEL": "ERROR"}
+ENVIRONMENT = {"SILHOUETTE_LOG_LEVEL": "ERROR", "SILHOUETTE_MEASURE": "false"}
 
 
 def accept(queue: JobQueue, mesh: Path, options: PreprocessOptions) -> str:

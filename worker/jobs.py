@@ -5,9 +5,13 @@
          -> tree ----------/
          -> inner --------/
 
-Their order is `schemas.jobs.STAGES`. A stage reads its inputs from the store, calls one pure function and hands back what to
-keep (`worker.stages`). Here that is published, all of it or nothing, with the stage's record last; then the queue looks what
-is due next.
+and, where `measure` is on, of a mesh that is ready, when nothing else is to be done:
+
+    hulls -> measure
+
+Their order is `schemas.jobs.STAGES` and `LATER_STAGES`. A stage reads its inputs from the store, calls one pure function and hands
+back what to keep (`worker.stages`). Here that is published, all of it or nothing, with the stage's record last; then the queue looks
+what is due next.
 """
 
 from __future__ import annotations
@@ -15,7 +19,8 @@ from __future__ import annotations
 import logging
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rq.timeouts import JobTimeoutException
 
@@ -27,6 +32,7 @@ from backend.queue import JobQueue
 from backend.store import Store
 from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError, StageFailedError, StorageFullError
+from schemas.jobs import LATER_STAGES
 from schemas.manifest import StageRecord
 from worker import stages
 from worker.settings import WorkerSettings
@@ -34,7 +40,7 @@ from worker.stages import Inputs, Result
 
 log = logging.getLogger("silhouette.jobs")
 
-STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result]] = {
+STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result | None]] = {
     "load": stages.load,
     "hull": stages.hull,
     "bake": stages.bake,
@@ -42,6 +48,8 @@ STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result]] = {
     "tree": stages.tree,
     "inner": stages.inner,
     "verify": stages.verify,
+    "hulls": stages.hulls,
+    "measure": stages.measure,
 }
 
 KIB_PER_MIB = 1024
@@ -50,13 +58,15 @@ KIB_PER_MIB = 1024
 def run_stage(mesh_id: str, stage: str) -> None:
     """Run one stage of a mesh and bring the mesh forward: what the queue calls, in a process of its own.
 
-    A fault of the mesh ends the mesh; any other exception goes to the queue, which tries again.
+    A fault of the mesh ends the mesh, or a later stage; any other exception goes to the queue, which tries again.
     """
     jobs = JobQueue.open(WorkerSettings())
+    if stage in LATER_STAGES and not jobs.measure:  # enqueued before that was turned off
+        return
     try:
         report(jobs, mesh_id, stage, 0.0)
-        if records.read_stage(jobs.store, mesh_id, stage) is None:
-            run_and_record(jobs, mesh_id, stage)
+        if records.read_stage(jobs.store, mesh_id, stage) is None and run_and_record(jobs, mesh_id, stage) is None:
+            return  # the reconciler starts it again
         report(jobs, mesh_id, stage, 1.0)
     except CancelledError:
         log.info("stopped: the mesh is gone", extra={"mesh": mesh_id, "stage": stage})
@@ -68,14 +78,20 @@ def run_stage(mesh_id: str, stage: str) -> None:
     jobs.advance(mesh_id)
 
 
-def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord:
-    """Run one stage and publish its result with its record. Raises CancelledError, StorageFullError, and what is nobody's fault."""
+def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | None:
+    """Run one stage and publish its result with its record; None when it paused, and is to be started again.
+
+    Raises CancelledError, StorageFullError, and what is nobody's fault.
+    """
     started = time.perf_counter()
-    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction))
+    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction), jobs.has_waiting)
     try:
         inputs.progress(0.0)
         result = STAGE_FUNCTIONS[stage](inputs)
-        with records.publishing(jobs.store, mesh_id):
+        if result is None:
+            log.info("stage paused", extra={"mesh": mesh_id, "stage": stage})
+            return None
+        with publishing(jobs.store, mesh_id, stage):
             record = StageRecord(
                 stage=stage,
                 outcome="skipped" if result.skipped else "done",
@@ -90,7 +106,7 @@ def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord:
     except (SilhouetteError, MemoryError, JobTimeoutException) as error:
         record = failed_record(stage, time.perf_counter() - started, problem_of(fault_of(error)))
         log.warning("stage failed: %s", error, extra={"mesh": mesh_id, "stage": stage}, exc_info=True)
-        with records.publishing(jobs.store, mesh_id):
+        with publishing(jobs.store, mesh_id, stage):
             records.write_stage(jobs.store, mesh_id, record)
     log.info("stage %s", record.outcome, extra={"mesh": mesh_id, "stage": stage, "seconds": round(record.seconds, 3)})
     return record
@@ -108,13 +124,26 @@ def publish(store: Store, mesh_id: str, stage: str, result: Result) -> dict[str,
 
 
 def report(jobs: JobQueue, mesh_id: str, stage: str, fraction: float) -> None:
-    """Pass progress on. Raises CancelledError when the mesh is deleted or has ended: what was passed on is then to be cleared.
+    """Pass progress on. Raises CancelledError when the stage is no longer wanted: what was passed on is then to be cleared.
 
     It is passed on first: a mesh that is deleted after the look is cleared by whoever deletes it, one before by the caller.
     """
     jobs.progress.report(mesh_id, stage, fraction)
-    if not records.is_accepted(jobs.store, mesh_id) or jobs.store.exists(keys.manifest(mesh_id)):
+    check_wanted(jobs.store, mesh_id, stage)
+
+
+def check_wanted(store: Store, mesh_id: str, stage: str) -> None:
+    """Raise CancelledError when the mesh is deleted, or has ended, or, for a later stage, has not: it was accepted anew meanwhile."""
+    if not records.is_accepted(store, mesh_id) or store.exists(keys.manifest(mesh_id)) != (stage in LATER_STAGES):
         raise CancelledError("the mesh has been deleted or has ended", mesh=mesh_id)
+
+
+@contextmanager
+def publishing(store: Store, mesh_id: str, stage: str) -> Iterator[None]:
+    """Hold the mesh while the result of a stage is written. Raises CancelledError when it is no longer wanted."""
+    with records.publishing(store, mesh_id):
+        check_wanted(store, mesh_id, stage)
+        yield
 
 
 def fault_of(error: Exception) -> SilhouetteError:

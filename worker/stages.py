@@ -1,4 +1,4 @@
-"""The seven stages, each as: inputs from the store, one pure function, what to keep.
+"""The stages, each as: inputs from the store, one pure function, what to keep.
 
 load    reports frame, stats, capabilities, repairs; keeps mesh, appearance
 hull    reports faces, volume_excess; keeps hull, hull_sequence
@@ -7,13 +7,16 @@ levels  reports levels, capabilities; keeps level_0, level_0_tree, ...
 tree    reports nodes; keeps tree
 inner   reports levels, capabilities; keeps inner_sequence
 verify  reports what was checked, capabilities that are withheld; keeps nothing
+hulls   reports hulls, left_out: what was not made, and why; keeps hull_1, maps_1 (coarser), hull_2, maps_2 (finer)
+measure reports the measured ladder (`schemas.ladder.Ladder`); keeps nothing
 
-A mesh that cannot be clipped has use for load and verify only.
+A mesh that cannot be clipped has use for load, verify and measure only.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import logging
 import sys
 from collections.abc import Callable
@@ -28,16 +31,17 @@ import numpy.typing as npt
 from backend import records
 from backend.artifacts import open_artifact
 from backend.store import Store
-from schemas import artifacts, keys
+from schemas import artifacts, jobs, keys
 from schemas.artifacts import Layout
 from schemas.conventions import F4, I4, Frame
 from schemas.errors import CorruptArtifactError
 from schemas.manifest import Accepted
 from worker import downloads
-from worker.bake import Maps, bake_maps, hull_normals
+from worker.bake import Maps, bake_hull, hull_normals
 from worker.distance import ROUGHLY
 from worker.enclosure import Solid
 from worker.hull import Hull, build_hull
+from worker.hulls import HullSource, described, other_hulls
 from worker.levels import HullLevel, build_levels, hull_levels, level_sizes
 from worker.load import load_mesh
 from worker.side_by_side import run_side_by_side
@@ -73,17 +77,21 @@ class HullSurface(NamedTuple):
 
 
 class Inputs:
-    """What a stage may read of its mesh. `progress` takes a fraction and raises CancelledError when the mesh is gone."""
+    """What a stage may read of its mesh. `progress` takes a fraction and raises CancelledError when the mesh is gone.
 
-    def __init__(self, store: Store, mesh_id: str, progress: Callable[[float], None]) -> None:
+    `pause`: whether others wait for the worker, for a stage that can be interrupted.
+    """
+
+    def __init__(self, store: Store, mesh_id: str, progress: Callable[[float], None], pause: Callable[[], bool]) -> None:
+        self.store = store
+        self.mesh_id = mesh_id
         self.progress = progress
-        self._store = store
-        self._mesh_id = mesh_id
+        self.pause = pause
 
     @cached_property
     def accepted(self) -> Accepted:
         """The acceptance record, with the options."""
-        return records.read_accepted(self._store, self._mesh_id)
+        return records.read_accepted(self.store, self.mesh_id)
 
     @cached_property
     def loaded(self) -> dict[str, Any]:
@@ -92,7 +100,7 @@ class Inputs:
 
     def report(self, stage: str) -> dict[str, Any]:
         """The report of an earlier stage. Raises CorruptArtifactError when there is none."""
-        record = records.read_stage(self._store, self._mesh_id, stage)
+        record = records.read_stage(self.store, self.mesh_id, stage)
         if record is None:
             raise CorruptArtifactError("the record of an earlier stage is missing", stage=stage)
         return record.report
@@ -103,20 +111,26 @@ class Inputs:
         return bool(self.loaded["capabilities"]["clip"]["available"])
 
     @property
+    def is_clipped(self) -> bool:
+        """Whether the mesh, which is ready, is drawn as a clipped hull: what that needs has passed its checks."""
+        manifest = records.read_manifest(self.store, self.mesh_id)
+        return manifest is not None and "clip" in manifest.capabilities and manifest.capabilities["clip"].available
+
+    @property
     def frame(self) -> Frame:
         """The normalised frame."""
         return Frame(tuple(self.loaded["frame"]["centre"]), self.loaded["frame"]["scale"])
 
     def upload(self) -> Path:
         """The uploaded file. Raises NotFoundError."""
-        return self._store.local_path(keys.upload(self.accepted.upload_sha256))
+        return self.store.local_path(keys.upload(self.accepted.upload_sha256))
 
     def tensors(self, layout: Layout, *, verify: bool = False) -> Tensors:
         """An artifact in memory: copies, since kernels compiled for writable arrays would be compiled again for views.
 
         `verify` compares its bytes with the sha256 it was written with. Raises NotFoundError, CorruptArtifactError.
         """
-        path = self._store.local_path(keys.artifact(self._mesh_id, layout.file))
+        path = self.store.local_path(keys.artifact(self.mesh_id, layout.file))
         return {name: np.array(view) for name, view in open_artifact(path, layout, verify=verify).items()}
 
     def tensors_if_any(self, layout: Layout, *, verify: bool = False) -> Tensors | None:
@@ -125,7 +139,7 @@ class Inputs:
 
     def has(self, layout: Layout) -> bool:
         """Whether the mesh has such an artifact."""
-        return self._store.exists(keys.artifact(self._mesh_id, layout.file))
+        return self.store.exists(keys.artifact(self.mesh_id, layout.file))
 
 
 def load(inputs: Inputs) -> Result:
@@ -168,23 +182,9 @@ def bake(inputs: Inputs) -> Result:
     if not inputs.clippable:
         return SKIPPED
     mesh, coarse = inputs.tensors(artifacts.MESH), inputs.tensors(artifacts.HULL)
-    maps = bake_maps(
-        coarse["positions"],
-        coarse["faces"],
-        coarse["normals"],
-        mesh["positions"],
-        mesh["faces"],
-        mesh["normals"],
-        inputs.tensors_if_any(artifacts.APPEARANCE),
-        inputs.accepted.options.texels,
-        inputs.progress,
-        corner_normals=mesh.get("corner_normals"),
-    )
-    tensors: Tensors = {"tile_uv": maps.tile_uv, "normal": maps.normal}
-    if maps.color is not None:
-        tensors["color"] = maps.color
+    maps = bake_hull(mesh, coarse, inputs.tensors_if_any(artifacts.APPEARANCE), inputs.accepted.options.texels, inputs.progress)
     report = {"missed": int(maps.missed), "texel_count": int(maps.texel_count), "tile_side": int(maps.tile_side)}
-    return Result(report, [(artifacts.MAPS, tensors)], files_of(coarse, maps, inputs.frame))
+    return Result(report, [(artifacts.MAPS, maps.tensors())], files_of(coarse, maps, inputs.frame))
 
 
 def files_of(coarse: Tensors, maps: Maps, frame: Frame) -> dict[str, bytes]:
@@ -301,6 +301,26 @@ def withheld(what: str, error: CorruptArtifactError) -> dict[str, Any]:
     """The capability that a mesh lost to a fault in what it needs."""
     log.exception("%s withheld: %s", what, error.message, extra=error.where)
     return {"available": False, "reason": f"its preprocessing did not pass the checks: {error.message}"}
+
+
+def hulls(inputs: Inputs) -> Result:
+    """Hulls of other sizes that can be drawn, with their maps."""
+    if not inputs.is_clipped:
+        return SKIPPED
+    mesh, drawn, sequence = (inputs.tensors(layout) for layout in (artifacts.MESH, artifacts.HULL, artifacts.HULL_SEQUENCE))
+    source = HullSource(mesh, drawn, sequence, inputs.tensors_if_any(artifacts.APPEARANCE), inputs.accepted.options.texels)
+    made, left_out = other_hulls(source, inputs.progress)
+    kept: list[tuple[Layout, Tensors]] = []
+    for place, maps_place, one in zip(artifacts.OTHER_HULLS, artifacts.OTHER_MAPS, made, strict=True):
+        kept += [] if one is None else [(place, one.hull), (maps_place, one.maps)]
+    return Result({"hulls": [described(one) for one in made if one is not None], "left_out": left_out}, kept)
+
+
+def measure(inputs: Inputs) -> Result | None:
+    """The measured ladder, by the one callable here that draws; None when it paused. Imported by name: this side has no renderer."""
+    module, _, name = jobs.MEASURE.rpartition(".")
+    report = getattr(importlib.import_module(module), name)(inputs.store, inputs.mesh_id, inputs.progress, inputs.pause)
+    return None if report is None else Result(report)
 
 
 def sha256(data: bytes) -> str:
