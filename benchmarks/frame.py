@@ -36,10 +36,9 @@ from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
 from worker.bake import bake_maps, hull_normals
 from worker.hull import Hull, build_hull
-from worker.hulls import build_other_hull, other_sizes
+from worker.hulls import HullSource, other_hulls
 from worker.levels import build_levels
 from worker.load import LoadedMesh, load_mesh
-from worker.stages import map_tensors
 from worker.tree import build_tree
 
 RUNGS = {
@@ -82,7 +81,7 @@ def prepare(path: Path, options: PreprocessOptions, *, every_rung: bool = False)
         appearance=mesh.appearance,
         edges=(edges.vertices, edges.faces),
         hull={"positions": hull.positions, "faces": hull.faces, "normals": normals},
-        maps=map_tensors(maps),
+        maps={"tile_uv": maps.tile_uv, "normal": maps.normal} | ({} if maps.color is None else {"color": maps.color}),
         tree=SilhouetteTree(tensors, tree.tensors()),
         clip=mesh.clip,
         normal_vertices=shading.get("normal_vertices"),
@@ -100,9 +99,10 @@ def _levels(mesh: LoadedMesh, hull: Hull) -> tuple[SilhouetteLevel, ...]:
 
 def _other_hulls(mesh: LoadedMesh, hull: Hull, options: PreprocessOptions) -> tuple[DrawnHull, ...]:
     tensors = {"positions": mesh.positions, "faces": mesh.faces} | mesh.shading.tensors()
-    steps, sizes = (hull.step_vertices, hull.step_positions), other_sizes(len(mesh.faces), len(hull.faces))
-    made = [build_other_hull(tensors, mesh.appearance, steps, size, options.texels, silent) for size in sizes]
-    return tuple(DrawnHull(one.tensors(), map_tensors(one.maps)) for one in made if one is not None)
+    drawn = {"positions": hull.positions, "faces": hull.faces, "normals": hull_normals(hull.positions, hull.faces)}
+    sequence = {"step_vertices": hull.step_vertices, "step_positions": hull.step_positions}
+    made, _ = other_hulls(HullSource(tensors, drawn, sequence, mesh.appearance, options.texels), silent)
+    return tuple(DrawnHull(one.hull, one.maps) for one in made if one is not None)
 
 
 def request(view: int, views: int, side: int, rung: tuple[Source, Antialias], mode: ShadingMode = ShadingMode.LAMBERT) -> RenderRequest:
