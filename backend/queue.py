@@ -2,22 +2,24 @@
 
 The store says what is to be done: a stage is due when the stages before it have a record and it has none. Redis only carries
 that to the workers, so any loss of it is made good by `reconcile`. A job's id is its mesh and stage, so enqueueing twice is
-nothing; running twice writes the same bytes.
+nothing; running twice writes the same bytes. Stages of a mesh that is ready wait in a queue of their own, behind all others.
 """
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from enum import Enum
-from typing import cast
+from typing import Any, cast
 
 import redis
 from redis.backoff import ConstantBackoff
 from redis.retry import Retry as RedisRetry
 from rq import Queue, Retry
-from rq.exceptions import DuplicateJobError
+from rq.exceptions import DequeueTimeout, DuplicateJobError
 from rq.job import Job, JobStatus
 from rq.registry import StartedJobRegistry
 from rq.serializers import JSONSerializer
@@ -30,15 +32,15 @@ from backend.settings import BackendSettings
 from backend.store import Store
 from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError
-from schemas.jobs import LATER_STAGES, QUEUE, RUN_STAGE, STAGES
+from schemas.jobs import LATER_QUEUE, LATER_STAGES, QUEUE, RUN_STAGE, STAGES
 from schemas.manifest import StageRecord
 
 log = logging.getLogger(__name__)
 
 SOCKET_TIMEOUT_S = 15.0  # longer than a worker's blocking wait for a job
 MAINTENANCE_LOCK_S = 10  # a killed worker must not keep the others from maintenance for long
+LATER_LOOK_S = 1  # an idle worker waits for the first queue, and looks into the other one as often as this
 RESULT_S = 60
-LAST_STAGE = list(LATER_STAGES)[-1]
 RECONCILE_LOCK = "silhouette:reconciling"
 
 
@@ -49,11 +51,30 @@ def connect(url: str) -> redis.Redis:
 
 
 class StageQueue(Queue):
-    """RQ's queue, but a worker that is killed during maintenance blocks it for seconds, not for 15 minutes."""
+    """RQ's queue, but a worker that is killed blocks it for seconds only, and loses no job that it took from one of several."""
 
     def acquire_maintenance_lock(self) -> bool:
-        """Whether this worker may clean the registries now."""
+        """Whether this worker may clean the registries now; one that dies keeps the others from it for seconds, not for 15 minutes."""
         return bool(self.connection.set(self.registry_cleaning_key, 1, nx=True, ex=MAINTENANCE_LOCK_S))
+
+    @classmethod
+    def lpop(cls, queue_keys: Sequence[str], timeout: int | None, connection: Any = None) -> tuple[str, bytes] | None:
+        """Take the next job of the first queue that has one, as (queue key, job id); the job waits in that queue's intermediate list.
+
+        RQ's own has it nowhere until it is started. timeout: seconds to wait; None: do not. Raises DequeueTimeout.
+        """
+        deadline = time.monotonic() + (timeout or 0)
+        while True:
+            for key in queue_keys:
+                if taken := cls.lmove(connection, key, None):
+                    return cast(tuple[str, bytes], taken)
+            left = deadline - time.monotonic()
+            if timeout is None:
+                return None
+            if left <= 0.0:
+                raise DequeueTimeout(timeout, queue_keys)
+            with contextlib.suppress(DequeueTimeout):
+                return cast(tuple[str, bytes], cls.lmove(connection, queue_keys[0], min(LATER_LOOK_S, math.ceil(left))))
 
 
 class _JobState(Enum):
@@ -64,8 +85,9 @@ class _JobState(Enum):
 
 
 class JobQueue:
-    """Jobs of all meshes. `attempts` is how often a stage is started when it breaks or its worker dies; measure: whether meshes that are
-    ready go on to the later stages.
+    """Jobs of all meshes. `attempts` is how often a stage is started when it breaks or its worker dies.
+
+    `measure`: whether meshes that are ready go through the later stages. `queue` and `later` are what workers listen to, in that order.
     """
 
     def __init__(
@@ -73,19 +95,21 @@ class JobQueue:
         connection: redis.Redis,
         store: Store,
         *,
+        measure: bool = False,
         stage_timeout_s: int = 3600,
         attempts: int = 4,
         job_record_s: int = 3600,
-        measure: bool = False,
     ) -> None:
         self.redis = connection
         self.store = store
+        self.measure = measure
         self.progress = Progress(connection)
         self.queue = StageQueue(QUEUE, connection=connection, serializer=JSONSerializer)
+        self.later = StageQueue(LATER_QUEUE, connection=connection, serializer=JSONSerializer)
+        self._settled: dict[str, str] = {}
         self._stage_timeout_s = stage_timeout_s
         self._attempts = attempts
         self._job_record_s = job_record_s
-        self._measure = measure
 
     @classmethod
     def open(cls, settings: BackendSettings) -> JobQueue:
@@ -95,17 +119,17 @@ class JobQueue:
         return cls(
             connect(settings.redis_url),
             Store(settings.store_dir),
+            measure=settings.measure,
             stage_timeout_s=settings.stage_timeout_s,
             attempts=settings.stage_attempts,
             job_record_s=settings.job_record_s,
-            measure=settings.measure,
         )
 
     def advance(self, mesh_id: str) -> None:
         """Bring a mesh forward from what the store says: enqueue the stages that are due, or end it with its manifest.
 
-        One that is ready goes on to the later stages, when nothing else is waiting. Does nothing for a mesh that is deleted or has
-        failed. Raises redis.RedisError, StorageFullError.
+        A mesh that is ready goes on with the later stages where `measure` is on. Does nothing for a mesh that is deleted or failed.
+        Raises redis.RedisError, StorageFullError.
         """
         if not records.is_accepted(self.store, mesh_id):
             return
@@ -116,16 +140,12 @@ class JobQueue:
         if _ended(done):
             self._finish(mesh_id)
             return
-        due = [stage for stage, before in STAGES.items() if done[stage] is None and all(done[name] for name in before)]
-        for stage in due:
-            if self._enqueue(mesh_id, stage) is _JobState.GAVE_UP:
-                self._give_up(mesh_id, stage)
-                return
+        self._enqueue_due(mesh_id, STAGES, done)
 
     def reconcile(self) -> int:
-        """Advance every accepted mesh that has something to be done; how many there are. Run at start and every few seconds."""
+        """Advance every accepted mesh that has stages to go; how many there are. Run at start and every few seconds."""
         count = 0
-        for mesh_id in records.unfinished(self.store, LAST_STAGE if self._measure else None):
+        for mesh_id in self._unsettled():
             count += 1
             try:
                 self.advance(mesh_id)
@@ -138,11 +158,6 @@ class JobQueue:
         if self.redis.set(RECONCILE_LOCK, 1, nx=True, px=max(1, int(interval_s * 1000))):
             self.reconcile()
 
-    def others_wait(self) -> bool:
-        """Whether a stage waits for a worker that is not a later one."""
-        waiting = cast(list[bytes], self.redis.lrange(self.queue.key, 0, -1))
-        return any(job_id.decode().rpartition("-")[2] in STAGES for job_id in waiting)
-
     def cancel(self, mesh_id: str) -> bool:
         """Delete a mesh: its acceptance, files and waiting jobs. False when there was no such mesh.
 
@@ -151,34 +166,84 @@ class JobQueue:
         """
         existed = records.forget(self.store, mesh_id)
         try:
-            self._drop_jobs(mesh_id)
+            self._drop_jobs(mesh_id, (*STAGES, *LATER_STAGES))
         except redis.RedisError as error:  # its jobs find nothing to do
             log.warning("jobs not cancelled: %s", error, extra={"mesh": mesh_id})
         self.progress.clear(mesh_id)
         self.progress.notify(mesh_id)
         return existed
 
+    def has_waiting(self) -> bool:
+        """Whether a job that makes a mesh ready waits for a worker; False when Redis does not say."""
+        try:
+            return bool(self.queue.count)
+        except redis.RedisError as error:
+            log.warning("waiting jobs not counted: %s", error)
+            return False
+
     def restart_abandoned(self) -> None:
         """Start the jobs again whose workers are gone. Only for the owner of all workers, before it starts any."""
-        self._started().cleanup(timestamp=time.time() + 1e9)
+        for queue in self._queues:
+            _started(queue).cleanup(timestamp=time.time() + 1e9)
         self._return_taken()
 
     def release_started(self) -> None:
         """Forget the jobs that were stopped on purpose, so that it does not count as an attempt. All workers must be gone."""
-        for entry in self._started_entries():
-            self.redis.zrem(self._started().key, entry)
-            self._delete_job(entry.partition(":")[0])
+        for queue in self._queues:
+            for entry in _started_entries(queue):
+                self.redis.zrem(_started(queue).key, entry)
+                self._delete_job(queue, entry.partition(":")[0])
         self._return_taken()
 
     def _return_taken(self) -> None:
         """Put back what a worker had taken but not begun; RQ itself waits for a minute."""
-        taken = self.queue.intermediate_queue_key
-        for job_id in cast(list[bytes], self.redis.lrange(taken, 0, -1)):
-            with self.redis.pipeline(transaction=True) as pipe:
-                pipe.lrem(taken, 0, job_id.decode())
-                pipe.lrem(self.queue.key, 0, job_id.decode())
-                pipe.lpush(self.queue.key, job_id)
-                pipe.execute()
+        for queue in self._queues:
+            taken = queue.intermediate_queue_key
+            for job_id in cast(list[bytes], self.redis.lrange(taken, 0, -1)):
+                with self.redis.pipeline(transaction=True) as pipe:
+                    pipe.lrem(taken, 0, job_id.decode())
+                    pipe.lrem(queue.key, 0, job_id.decode())
+                    pipe.lpush(queue.key, job_id)
+                    pipe.execute()
+
+    def _unsettled(self) -> Iterator[str]:
+        """Ids of accepted meshes that have stages to go. What has none is remembered by its manifest: one look at a file each time."""
+        settled: dict[str, str] = {}
+        for mesh_id, version in records.manifests(self.store):
+            if version is not None and (not self.measure or self._settled.get(mesh_id) == version or self._is_settled(mesh_id)):
+                settled[mesh_id] = version
+            elif records.is_accepted(self.store, mesh_id):
+                yield mesh_id
+        self._settled = settled
+
+    def _is_settled(self, mesh_id: str) -> bool:
+        """Whether an ended mesh has failed or been through the later stages."""
+        if all(self.store.exists(keys.stage_record(mesh_id, stage)) for stage in LATER_STAGES):
+            return True
+        manifest = records.read_manifest(self.store, mesh_id)
+        return manifest is not None and manifest.status == "failed"
+
+    def _advance_later(self, mesh_id: str) -> None:
+        """Enqueue the later stages of a ready mesh that are due. What comes after one that failed is skipped."""
+        manifest = records.read_manifest(self.store, mesh_id) if self.measure else None
+        if manifest is None or manifest.status != "ready":
+            return
+        done = {record.stage: record for record in manifest.stages}
+        done |= {stage: record for stage in LATER_STAGES if (record := records.read_stage(self.store, mesh_id, stage))}
+        for stage, before in LATER_STAGES.items():
+            if stage not in done and any(name in done and done[name].outcome == "failed" for name in before):
+                done[stage] = StageRecord(stage=stage, outcome="skipped", seconds=0.0)
+                self._record(mesh_id, done[stage])
+        self._enqueue_due(mesh_id, LATER_STAGES, done)
+        if all(stage in done for stage in LATER_STAGES):
+            self.progress.clear(mesh_id)
+            self.progress.notify(mesh_id)
+
+    def _enqueue_due(self, mesh_id: str, stages: Mapping[str, tuple[str, ...]], done: Mapping[str, StageRecord | None]) -> None:
+        for stage, before in stages.items():
+            if done.get(stage) is None and all(done.get(name) for name in before) and self._enqueue(mesh_id, stage) is _JobState.GAVE_UP:
+                self._give_up(mesh_id, stage)
+                return
 
     def _finish(self, mesh_id: str) -> None:
         with contextlib.suppress(CancelledError), records.publishing(self.store, mesh_id):
@@ -186,43 +251,30 @@ class JobQueue:
             manifest = build_manifest(mesh_id, done)
             if records.write_manifest(self.store, manifest):
                 log.info("mesh is %s", manifest.status, extra={"mesh": mesh_id})
-        self._drop_jobs(mesh_id)
+        self._drop_jobs(mesh_id, STAGES)
         self.progress.clear(mesh_id)
         self.progress.notify(mesh_id)
         self._advance_later(mesh_id)
 
-    def _advance_later(self, mesh_id: str) -> None:
-        """Enqueue the later stages of a ready mesh that are due; those before them may have failed."""
-        manifest = records.read_manifest(self.store, mesh_id) if self._measure else None
-        if manifest is None or manifest.status != "ready":
-            return
-        done = {stage: records.read_stage(self.store, mesh_id, stage) for stage in LATER_STAGES}
-        if all(done.values()):
-            self.progress.clear(mesh_id)
-            return
-        if self.others_wait():
-            return
-        due = [s for s, before in LATER_STAGES.items() if done[s] is None and all(done[name] for name in before if name in done)]
-        for stage in due:
-            if self._enqueue(mesh_id, stage) is _JobState.GAVE_UP:
-                self._give_up(mesh_id, stage)
-                return
-
     def _give_up(self, mesh_id: str, stage: str) -> None:
-        with contextlib.suppress(CancelledError), records.publishing(self.store, mesh_id):
-            if records.read_stage(self.store, mesh_id, stage) is None:
-                records.write_stage(self.store, mesh_id, failed_record(stage, 0.0, problem_of(BROKEN)))
+        self._record(mesh_id, failed_record(stage, 0.0, problem_of(BROKEN)))
         self.advance(mesh_id)
 
+    def _record(self, mesh_id: str, record: StageRecord) -> None:
+        """Write the record of a stage that was not run, unless it has one."""
+        with contextlib.suppress(CancelledError), records.publishing(self.store, mesh_id):
+            if records.read_stage(self.store, mesh_id, record.stage) is None:
+                records.write_stage(self.store, mesh_id, record)
+
     def _enqueue(self, mesh_id: str, stage: str) -> _JobState:
-        job_id = f"{mesh_id}-{stage}"
-        state = self._state(job_id)
+        queue, job_id = self._queue_of(stage), f"{mesh_id}-{stage}"
+        state = self._state(queue, job_id)
         if state in (_JobState.ALIVE, _JobState.GAVE_UP):
             return state
-        if state is _JobState.OVER and not self._remove_over(job_id):
+        if state is _JobState.OVER and not self._remove_over(queue, job_id):
             return _JobState.ALIVE
         with contextlib.suppress(DuplicateJobError):
-            self.queue.enqueue(
+            queue.enqueue(
                 RUN_STAGE,
                 args=(mesh_id, stage),
                 job_id=job_id,
@@ -236,13 +288,13 @@ class JobQueue:
             log.info("enqueued", extra={"mesh": mesh_id, "stage": stage})
         return _JobState.ALIVE
 
-    def _state(self, job_id: str) -> _JobState:
+    def _state(self, queue: StageQueue, job_id: str) -> _JobState:
         """One look, in one transaction: RQ moves a living job between the three places atomically."""
         with self.redis.pipeline(transaction=True) as pipe:
             pipe.hget(Job.key_for(job_id), "status")
-            pipe.lpos(self.queue.key, job_id)
-            pipe.lpos(self.queue.intermediate_queue_key, job_id)
-            pipe.zrange(self._started().key, 0, -1)
+            pipe.lpos(queue.key, job_id)
+            pipe.lpos(queue.intermediate_queue_key, job_id)
+            pipe.zrange(_started(queue).key, 0, -1)
             status, waiting, taken, running = pipe.execute()
         if status is None:
             return _JobState.ABSENT
@@ -251,12 +303,12 @@ class JobQueue:
         is_running = any(entry.decode().partition(":")[0] == job_id for entry in running)
         return _JobState.ALIVE if waiting is not None or taken is not None or is_running else _JobState.OVER
 
-    def _remove_over(self, job_id: str) -> bool:
+    def _remove_over(self, queue: StageQueue, job_id: str) -> bool:
         """Remove a job that is over, unless someone else has just changed it."""
         key = Job.key_for(job_id)
         with self.redis.pipeline(transaction=True) as pipe:
             pipe.watch(key)
-            if self._state(job_id) is not _JobState.OVER:
+            if self._state(queue, job_id) is not _JobState.OVER:
                 return False
             pipe.multi()
             pipe.delete(key)
@@ -266,27 +318,36 @@ class JobQueue:
                 return False
         return True
 
-    def _drop_jobs(self, mesh_id: str) -> None:
+    def _drop_jobs(self, mesh_id: str, stages: Collection[str]) -> None:
         """Remove the jobs of a mesh that no worker has started."""
-        running = {entry.partition(":")[0] for entry in self._started_entries()}
-        for stage in (*STAGES, *LATER_STAGES):
+        running = {entry.partition(":")[0] for queue in self._queues for entry in _started_entries(queue)}
+        for stage in stages:
             if f"{mesh_id}-{stage}" not in running:
-                self._delete_job(f"{mesh_id}-{stage}")
+                self._delete_job(self._queue_of(stage), f"{mesh_id}-{stage}")
 
-    def _delete_job(self, job_id: str) -> None:
+    def _delete_job(self, queue: StageQueue, job_id: str) -> None:
         with self.redis.pipeline(transaction=True) as pipe:
-            pipe.lrem(self.queue.key, 0, job_id)
-            pipe.zrem(self.queue.failed_job_registry.key, job_id)
-            pipe.zrem(self.queue.finished_job_registry.key, job_id)
+            pipe.lrem(queue.key, 0, job_id)
+            pipe.zrem(queue.failed_job_registry.key, job_id)
+            pipe.zrem(queue.finished_job_registry.key, job_id)
             pipe.delete(Job.key_for(job_id))
             pipe.execute()
 
-    def _started(self) -> StartedJobRegistry:
-        return StartedJobRegistry(queue=self.queue)
+    @property
+    def _queues(self) -> tuple[StageQueue, StageQueue]:
+        return self.queue, self.later
 
-    def _started_entries(self) -> list[str]:
-        entries = cast(list[bytes], self.redis.zrange(self._started().key, 0, -1))
-        return [entry.decode() for entry in entries]
+    def _queue_of(self, stage: str) -> StageQueue:
+        return self.later if stage in LATER_STAGES else self.queue
+
+
+def _started(queue: StageQueue) -> StartedJobRegistry:
+    return StartedJobRegistry(queue=queue)
+
+
+def _started_entries(queue: StageQueue) -> list[str]:
+    entries = cast(list[bytes], queue.connection.zrange(_started(queue).key, 0, -1))
+    return [entry.decode() for entry in entries]
 
 
 def _ended(done: dict[str, StageRecord | None]) -> bool:

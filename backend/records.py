@@ -56,16 +56,10 @@ def list_accepted(store: Store) -> Iterator[Accepted]:
             log.exception("unreadable acceptance record", extra={"mesh": mesh_id})
 
 
-def unfinished(store: Store, last_stage: str | None = None) -> Iterator[str]:
-    """Ids of accepted meshes that have no manifest yet; or, with a later stage named, whose manifest says ready and that have no record
-    of that stage.
-    """
+def manifests(store: Store) -> Iterator[tuple[str, str | None]]:
+    """All ids, those of meshes being deleted among them, each with the version of its manifest; None where it has none."""
     for mesh_id in store.children(keys.MESHES):
-        if not store.exists(keys.manifest(mesh_id)):
-            if is_accepted(store, mesh_id):
-                yield mesh_id
-        elif last_stage is not None and not store.exists(keys.stage_record(mesh_id, last_stage)) and _is_ready(store, mesh_id):
-            yield mesh_id
+        yield mesh_id, store.version(keys.manifest(mesh_id))
 
 
 @contextmanager
@@ -78,7 +72,7 @@ def publishing(store: Store, mesh_id: str) -> Iterator[None]:
 
 
 def write_stage(store: Store, mesh_id: str, record: StageRecord) -> None:
-    """Write a stage's record; the caller holds `publishing`."""
+    """Write a stage's record, which ends what it had done in part; the caller holds `publishing`."""
     store.put_bytes(keys.stage_record(mesh_id, record.stage), _json(record))
     store.delete(keys.partial(mesh_id, record.stage))
 
@@ -132,14 +126,6 @@ def sweep(store: Store, temporary_age_s: float) -> None:
         with store.locked(keys.upload(upload)):
             if upload not in _uploads_in_use(store):
                 store.delete(keys.upload(upload))
-
-
-def _is_ready(store: Store, mesh_id: str) -> bool:
-    try:
-        manifest = read_manifest(store, mesh_id)
-    except CorruptArtifactError:
-        return False
-    return manifest is not None and manifest.status == "ready"
 
 
 def _forget_mesh(store: Store, mesh_id: str) -> bool:

@@ -80,6 +80,14 @@ class Store:
         """Whether there is such an object."""
         return self._path(key).is_file()
 
+    def version(self, key: str) -> str | None:
+        """A text that is another one after each `put_...` of the key; None when there is no such object."""
+        try:
+            found = self._path(key).stat()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        return f"{found.st_ino}-{found.st_mtime_ns}"
+
     def list(self, prefix: str = "") -> Iterator[str]:
         """Keys that start with `prefix`, sorted within each folder."""
         folder = prefix.rpartition("/")[0]

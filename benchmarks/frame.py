@@ -136,7 +136,7 @@ def frame_times(gpu: Gpu, asset: MeshAsset, views: int, side: int) -> dict[str, 
             start = time.perf_counter()
             encode(image.pixels, ImageFormat.PNG)
             times["encode_png_ms"].append((time.perf_counter() - start) * 1e3)
-            waited = render_frame(gpu, asset, request(view, views, side, RUNGS[COVERAGE]), wait_each=True)
+            waited = render_frame(gpu, asset, request(view, views, side, RUNGS[COVERAGE]), true_times=True)
             for name, ms in waited.passes:
                 passes[name].append(ms)
     medians = {name: round(statistics.median(values), 3) for name, values in times.items()}

@@ -52,7 +52,7 @@ def calibrated(cache_mib: int = 1024) -> tuple[Gpu, float]:
 
     def submit(asset: MeshAsset, request: RenderRequest) -> Future[RenderedImage]:
         done: Future[RenderedImage] = Future()
-        done.set_result(render_frame(gpu, asset, request, wait_each=True))
+        done.set_result(render_frame(gpu, asset, request, true_times=True))
         return done
 
     calibrate(submit)  # compiles
@@ -109,7 +109,7 @@ def turned_by(request: RenderRequest, azimuth_deg: float) -> RenderRequest:
 
 def draw(gpu: Gpu, asset: MeshAsset, request: RenderRequest) -> float:
     """Milliseconds of a frame."""
-    return render_frame(gpu, asset, request, wait_each=True).ms
+    return render_frame(gpu, asset, request, true_times=True).ms
 
 
 def choice_is_right(gpu: Gpu, asset: MeshAsset, request: RenderRequest) -> dict[str, Any]:

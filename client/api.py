@@ -21,7 +21,9 @@ import httpx
 from pydantic_core import to_jsonable_python
 
 from client.errors import MeshFailedError, UnreachableError, error_of
+from schemas.ladder import AccuracyReport
 from schemas.mesh import MeshInfo, MeshPage, MeshStatus, Problem
+from schemas.plan import PlanReport
 from schemas.render import ImageFormat
 
 DEFAULT_URL = "http://127.0.0.1:8000"
@@ -147,6 +149,20 @@ class Client:
         headers = {"Accept": SILHOUETTE_TYPES[form]}
         return self._send("POST", f"/v1/meshes/{mesh_id}/silhouette", json=_body(fields), headers=headers).content
 
+    def plan(self, mesh_id: str, **fields: Any) -> PlanReport:
+        """What `render` would do with these fields, why, and what it is predicted to cost; nothing is drawn."""
+        answer = self._send("POST", f"/v1/meshes/{mesh_id}/render", params={"explain": "true"}, json=_body(fields))
+        return PlanReport.model_validate_json(answer.content)
+
+    def accuracy(self, mesh_id: str, size: int | None = None, device: str | None = None) -> AccuracyReport:
+        """What every way of drawing the mesh has of errors, and costs; size, device: see the API."""
+        answer = self._send("GET", f"/v1/meshes/{mesh_id}/accuracy", params=_given(size=size, device=device))
+        return AccuracyReport.model_validate_json(answer.content)
+
+    def accuracy_plot(self, mesh_id: str, size: int | None = None, device: str | None = None) -> bytes:
+        """The same as a plot, SVG."""
+        return self._send("GET", f"/v1/meshes/{mesh_id}/accuracy.svg", params=_given(size=size, device=device)).content
+
     def download(self, mesh_id: str, artifact: str = "hull.glb") -> bytes:
         """A file made from the mesh: hull.glb, normal.png or color.png."""
         return self._send("GET", f"/v1/meshes/{mesh_id}/artifacts/{artifact}").content
@@ -189,6 +205,11 @@ class Client:
             raise UnreachableError(self.base_url, "the connection broke") from None
         except httpx.InvalidURL:
             raise UnreachableError(self.base_url, "that is no address") from None
+
+
+def _given(**query: Any) -> dict[str, str]:
+    """Query parameters without those that are None."""
+    return {name: str(value) for name, value in query.items() if value is not None}
 
 
 def _body(fields: dict[str, Any]) -> Any:

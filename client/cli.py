@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import typer
 
+from client.commands.accuracy import accuracy
 from client.commands.console import err, escaped
 from client.commands.meshes import delete, hull, info, list_meshes, upload
 from client.commands.pictures import render, silhouette
@@ -33,6 +34,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "render": render,
     "scene": scene,
     "silhouette": silhouette,
+    "accuracy": accuracy,
     "hull": hull,
     "list": list_meshes,
     "info": info,

@@ -88,7 +88,7 @@ MAPS = Layout(
 
 OTHER_HULLS = tuple(Layout(f"hull_{k}.safetensors", HULL.tensors) for k in (1, 2))
 OTHER_MAPS = tuple(Layout(f"maps_{k}.safetensors", MAPS.tensors, MAPS.optional) for k in (1, 2))
-"""Hulls of other sizes than was asked for, with their maps: one of fewer faces, one of more; a mesh has both, the first, or none."""
+"""Hulls of other sizes than was asked for, with their maps: one of fewer faces, one of more; a mesh has both, either, or none."""
 
 TREE = Layout(
     "tree.safetensors",

@@ -9,6 +9,8 @@ WORKER_MODULE = "worker"
 """`python -m` name of the worker process."""
 
 QUEUE = "silhouette"
+LATER_QUEUE = "silhouette-later"
+"""Of the later stages: workers look there when nothing else is to be done."""
 
 MEASURE = "service.measure.measure_mesh"
 """Callable `(store, mesh_id, progress, pause) -> dict | None`, for the stage `measure`: the one piece of work on the workers' side that
@@ -32,5 +34,4 @@ LATER_STAGES: dict[str, tuple[str, ...]] = {
     "hulls": ("verify",),
     "measure": ("hulls",),
 }
-"""Stages of a mesh that is ready already, where the service wants them; the same form. They give way to all others: they are enqueued when
-nothing waits, and begin nothing while something does."""
+"""Stages of a mesh that is ready already, where the service wants them; the same form."""

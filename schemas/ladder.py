@@ -108,15 +108,17 @@ class AccuracyRung(RungKey):
 
     name: str
     level_faces: int | None = None
-    bound_px: float | None = Field(description="certified: the outline is never further off in these views; none where that is not known")
+    bound_px: float | None = Field(
+        None, description="certified: the outline is never further off in these views; none where that is not known"
+    )
     alpha_error: float
     alpha_rmse: float
     distance_px: float
     wrong_pixels: float
     psnr_db: float
     ssim: float
-    ms: float = Field(description="median of a frame on the device")
-    ms_p95: float
+    ms: float = Field(description="median of a frame on the device, measured or predicted")
+    ms_p95: float | None = Field(None, description="95th percentile; none where times are predicted")
     passes: dict[str, Spread] = {}
 
 

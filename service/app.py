@@ -24,7 +24,7 @@ from service.head import HeadAsGet
 from service.meshes import Meshes
 from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
-from service.routes import artifacts, docs, health, meshes, page, render, scenes, silhouette
+from service.routes import accuracy, artifacts, docs, health, meshes, page, render, scenes, silhouette
 from service.settings import ServiceSettings
 from service.slots import Slots
 from service.state import Services
@@ -32,7 +32,7 @@ from service.warm import warm_in_background
 
 log = logging.getLogger("silhouette.service")
 
-ROUTES = (page, docs, meshes, render, scenes, silhouette, artifacts, health)
+ROUTES = (page, docs, meshes, render, scenes, silhouette, accuracy, artifacts, health)
 
 DESCRIPTION = """Upload a heavy mesh once; from then on get any view in milliseconds, without a GPU, with an outline that is exactly
 the original's although only a coarse hull is drawn, or the silhouette itself as JSON or SVG."""
@@ -80,7 +80,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 
 def _open(settings: ServiceSettings) -> Services:
     queue = JobQueue.open(settings)
-    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib), None
+    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib, true_times=True), None
     try:
         renderer.start()
     except EglUnavailableError as error:  # uploads, silhouettes and downloads work without; /readyz says what is missing

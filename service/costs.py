@@ -111,6 +111,7 @@ class _MeshCosts:
         self.table, self.costs, self.edges = asset.rungs, costs, edges
         self.factor = 0.0
         self.rung_factors, self.frames = np.zeros(len(costs)), np.zeros(len(costs), np.int64)
+        self.drawn = np.zeros(len(costs), np.bool_)
         self.scale = np.ones(len(costs))
 
     def rescale(self, device_factor: float) -> None:
@@ -163,9 +164,15 @@ class CostModel:
         return {name: float(self._row(asset, rung, [name]) @ terms * mesh.scale[number]) for name in passes}
 
     def observe(self, asset: MeshAsset, number: int, view: ViewTerms, ms: float, edges: int | None) -> None:
-        """Learn from a frame: what it took, and how many silhouette edges of the mesh it met (None where it took them from elsewhere)."""
+        """Learn from a frame: what it took, and how many silhouette edges of the mesh it met (None where it took them from elsewhere).
+
+        The first frame of a rung teaches nothing.
+        """
         mesh = self.of(asset)
         guess = float(predicted(mesh.costs, mesh.scale, _terms(mesh.edges, view), view.beyond_px, number))
+        if not mesh.drawn[number]:  # uploads, compiles and unpacks: no measure of those that follow
+            mesh.drawn[number] = True
+            return
         if edges:
             mesh.edges += (0.1 if mesh.frames.any() else 1.0) * (edges - mesh.edges)
         if not (guess > 0.0 and ms > 0.0):
@@ -201,7 +208,7 @@ class CostModel:
             off = []
             for at in measured[key.label].sizes:
                 terms = _terms(facts[at.size].silhouette_edges, ViewTerms(facts[at.size].area_px, float(at.size**2)))
-                guess = float(mesh.costs[number, : TERMS - 1] @ terms) + mesh.costs[number, TERMS - 1] * _added_px(at, key) * terms[3]
+                guess = float(mesh.costs[number, : TERMS - 1] @ terms) + mesh.costs[number, TERMS - 1] * added_px(at, key) * terms[3]
                 if guess > 0.0 and at.frame.p50_ms > 0.0:
                     off.append(math.log(at.frame.p50_ms / guess))
             if off:
@@ -228,7 +235,7 @@ def _terms(edges: float, view: ViewTerms) -> F8:
     return np.array([1.0, edges, view.area_px, math.sqrt(view.area_px), view.image_px])
 
 
-def _added_px(at: RungAtSize, key: RungKey) -> float:
+def added_px(at: RungAtSize, key: RungKey) -> float:
     """By how many pixels the level of a measured rung was beyond the mesh."""
     return 0.0 if key.level is None or at.bound_px is None else max(0.0, at.bound_px - OUTLINE_ERROR_PX[key.antialias])
 

@@ -143,7 +143,7 @@ def rung_table(clippable: bool, levels: Sequence[tuple[int, float]], hulls: Sequ
     """The rungs of a mesh. levels: (faces, bound) of each, finest first."""
     rungs = _all_rungs(clippable, len(levels), hulls)
     keys = tuple(_key(rung, hulls) for rung in rungs)
-    found = {} if ladder is None else {RungKey(**rung.model_dump(include=set(RungKey.model_fields))): rung for rung in ladder.rungs}
+    found = {} if ladder is None else {key_of(rung): rung for rung in ladder.rungs}
     sizes = () if ladder is None else tuple(facts.size for facts in ladder.facts)
     code = np.array(
         [(SOURCE_CODE[r.source], ANTIALIAS_CODE[r.antialias], _or(r.level), _or(r.hull), r.halvings) for r in rungs], np.int32
@@ -166,6 +166,11 @@ def rung_table(clippable: bool, levels: Sequence[tuple[int, float]], hulls: Sequ
         sizes=sizes,
         measured=ladder is not None,
     )
+
+
+def key_of(rung: RungKey) -> RungKey:
+    """The bare key of a rung that has more to it."""
+    return RungKey(**rung.model_dump(include=set(RungKey.model_fields)))
 
 
 def _all_rungs(clippable: bool, levels: int, hulls: Sequence[HullFacts]) -> tuple[Rung, ...]:

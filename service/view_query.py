@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from schemas.errors import InvalidRequestError
-from schemas.render import MAX_ERROR, Antialias, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
+from schemas.render import BUDGET, MAX_ERROR, Antialias, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
 from service.errors import InvalidFieldsError, invalid_fields
 
 Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
@@ -34,6 +34,11 @@ QUERY_NAMES = {
     "accuracy.source": "source",
     "accuracy.smooth": "smooth",
     "accuracy.max_error_px": "max_error",
+    "accuracy.budget_ms": "budget",
+    "accuracy.min_psnr_db": "min_psnr",
+    "accuracy.level": "level",
+    "accuracy.hull_faces": "hull_faces",
+    "accuracy.texels": "texels",
     "max_error_px": "max_error",
     "project.width": "width",
     "project.height": "height",
@@ -109,9 +114,14 @@ class RenderQuery(CameraQuery):
     mesh_color: bool = Field(True, description="use the mesh's own colours when it has them")
     light: str | None = Field(None, description="x,y,z towards the light, in camera space", examples=["1,1,2"])
     ambient: float = Field(0.25, description="light from everywhere, 0 to 1")
-    antialias: Antialias = Field(Antialias.COVERAGE, description="how the outline is smoothed; `msaa` and `ssaa` draw the original")
+    antialias: Antialias = Field(Antialias.AUTO, description="how the outline is smoothed; `msaa` and `ssaa` draw the original")
     source: Source = Field(Source.AUTO, description="draw the clipped hull or the original mesh")
     smooth: bool = Field(False, description="curve the outline by the surface's normals, for coarse meshes; only with `coverage`")
+    budget: float | None = Field(None, description=BUDGET, examples=[5.0])
+    min_psnr: float | None = Field(None, description="decibels that shading must reach where it was measured", examples=[35.0])
+    level: int | None = Field(None, description="number of the level that the outline is taken from, finest first; -1 is the mesh")
+    hull_faces: int | None = Field(None, description="draw the mesh's hull whose number of faces is nearest to this", examples=[1000])
+    texels: int | None = Field(None, description="draw with maps of at most so many texels a side, or the smallest", examples=[512])
 
     def request(self, image_format: ImageFormat) -> RenderRequest:
         """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
@@ -128,7 +138,17 @@ class RenderQuery(CameraQuery):
                 "light": None if self.light is None else vector(self.light, "light"),
                 "ambient": self.ambient,
             },
-            accuracy={"antialias": self.antialias, "source": self.source, "smooth": self.smooth, "max_error_px": self.max_error},
+            accuracy={
+                "antialias": self.antialias,
+                "source": self.source,
+                "smooth": self.smooth,
+                "max_error_px": self.max_error,
+                "budget_ms": self.budget,
+                "min_psnr_db": self.min_psnr,
+                "level": self.level,
+                "hull_faces": self.hull_faces,
+                "texels": self.texels,
+            },
             format=image_format,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ from client.api import Client
 from client.local import LocalService
 from client.shapes import write_ply
 from tests import meshes
+
+os.environ["SILHOUETTE_MEASURE"] = "false"  # of all processes that tests start, unless a test is about it
 
 MAX_UPLOAD_MIB = 4
 HULL_FACES, TEXELS = 200, 256

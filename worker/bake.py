@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -45,6 +46,11 @@ class Maps:
     missed: int
     texel_count: int
     tile_side: int
+
+    def tensors(self) -> dict[str, Array]:
+        """The tensors of `schemas.artifacts.MAPS`."""
+        tensors: dict[str, Array] = {"tile_uv": self.tile_uv, "normal": self.normal}
+        return tensors if self.color is None else {**tensors, "color": self.color}
 
 
 def hull_normals(positions: F4, faces: I4) -> F4:
@@ -260,3 +266,21 @@ def bake_maps(  # noqa: PLR0913, PLR0917 - two meshes of three arrays each
             bake_tiles.place_texels(_encode_colors(bake_tiles.with_padding(found, layout.side)), color, *place)
         progress(last / layout.faces)
     return Maps(layout.tile_uv(turns), normal, color, shooter.missed, layout.faces * per_tile, layout.side)
+
+
+def bake_hull(
+    mesh: dict[str, Any], hull: dict[str, Any], appearance: dict[str, Array] | None, texels: int, progress: Callable[[float], None]
+) -> Maps:
+    """The same of stored tensors: mesh of `schemas.artifacts.MESH`, hull of HULL, appearance of APPEARANCE."""
+    return bake_maps(
+        hull["positions"],
+        hull["faces"],
+        hull["normals"],
+        mesh["positions"],
+        mesh["faces"],
+        mesh["normals"],
+        appearance,
+        texels,
+        progress,
+        corner_normals=mesh.get("corner_normals"),
+    )

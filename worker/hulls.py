@@ -1,4 +1,8 @@
-"""Hulls of other sizes than was asked for, with maps over each: one of fewer faces and one of more, for a planner to choose from."""
+"""Hulls of other sizes than was asked for, with maps: what can be drawn when a picture may cost less, or is to be shaded better.
+
+The coarser one is a hull of the drawn hull (`worker.hull`, Silhouette Clipping section 3): what encloses that encloses the mesh, and it
+takes a blink, where the stored sequence ends at the drawn hull's size. The finer one is cut from the stored sequence.
+"""
 
 from __future__ import annotations
 
@@ -7,59 +11,104 @@ from dataclasses import dataclass
 from typing import Any
 
 from geometry.hull_sequence import cut_hull
-from geometry.topology import signed_volume
-from schemas.conventions import F4, I4, Array
-from worker.bake import Maps, bake_maps, hull_normals
+from schemas.conventions import F4, I4
+from schemas.errors import CorruptArtifactError
+from worker.bake import bake_hull, hull_normals
+from worker.hull import build_hull
+from worker.verify import Tensors, verify_hull
 
-FACTOR = 4
-"""The coarser hull has so many times fewer faces than the drawn one, the finer so many times more."""
+RATIO = 4
+"""Faces of the drawn hull over those of the coarser one, and of the finer one over those of the drawn one."""
 FEWEST_FACES = 64
-FINEST_PART = 0.5
-"""Of the mesh's faces: a hull of more saves nothing."""
-NEARLY = 1.5
-"""How far a sequence's last hull may be above the size that is wanted."""
+"""Of a coarser hull: below that drawing is as fast."""
+LARGEST_SHARE = 0.6
+"""Of the drawn hull's faces that a coarser hull may have where topology keeps it from its size: with more it saves next to nothing."""
+FINEST_SHARE = 0.5
+"""Of the mesh's faces that a finer hull may have."""
+_MADE, _BAKED = 0.1, 0.7
+"""Parts of a hull's time after which it is made and its maps are baked."""
+
+Progress = Callable[[float], None]
+
+
+class LeftOutError(Exception):
+    """A mesh has no such hull; the message says why."""
 
 
 @dataclass(frozen=True)
 class OtherHull:
-    """positions (hv, 3) f4, faces (hf, 3) i4, normals (hv, 3) f4 as of the drawn hull; maps over it; volume_excess of the mesh's volume."""
+    """A hull and its maps as they are stored: tensors of `schemas.artifacts` OTHER_HULLS and OTHER_MAPS by name.
 
-    positions: F4
-    faces: I4
-    normals: F4
-    maps: Maps
-    volume_excess: float
-
-    def tensors(self) -> dict[str, Array]:
-        """Tensors of `artifacts.HULL`."""
-        return {"positions": self.positions, "faces": self.faces, "normals": self.normals}
-
-
-def other_sizes(mesh_faces: int, drawn_faces: int) -> list[int]:
-    """Faces of the hulls that are worth having beside a drawn one, the coarser first."""
-    sizes = [drawn_faces // FACTOR, FACTOR * drawn_faces]
-    return [size for size in sizes if FEWEST_FACES <= size <= FINEST_PART * mesh_faces]
-
-
-def build_other_hull(
-    mesh: dict[str, Any],
-    appearance: dict[str, Any] | None,
-    steps: tuple[I4, F4],
-    faces: int,
-    texels: int,
-    progress: Callable[[float], None],
-) -> OtherHull | None:
-    """The hull of at most so many faces, cut from the sequence; None where the sequence does not come near to that.
-
-    mesh, appearance: tensors of `artifacts.MESH` and `APPEARANCE`; steps: of `artifacts.HULL_SEQUENCE`. What progress raises goes through.
+    volume_excess: as of the drawn hull, None where the original has no volume.
     """
-    original = (mesh["positions"], mesh["faces"])
-    positions, triangles = cut_hull(*original, *steps, faces)
-    if len(triangles) > NEARLY * faces:
-        return None
-    normals = hull_normals(positions, triangles)
-    rows = mesh.get("corner_normals")
-    maps = bake_maps(positions, triangles, normals, *original, mesh["normals"], appearance, texels, progress, corner_normals=rows)
-    volume = signed_volume(*original)
-    gained = signed_volume(positions, triangles) - volume
-    return OtherHull(positions, triangles, normals, maps, gained / volume if volume > 0.0 else 0.0)
+
+    hull: Tensors
+    maps: Tensors
+    volume_excess: float | None
+
+
+@dataclass(frozen=True)
+class HullSource:
+    """What other hulls are made of: tensors of MESH, of HULL and of HULL_SEQUENCE; APPEARANCE, if the mesh has colour.
+
+    texels: longest side of the maps.
+    """
+
+    mesh: Tensors
+    drawn: Tensors
+    sequence: Tensors
+    appearance: Tensors | None
+    texels: int
+
+    def coarser(self, progress: Progress) -> OtherHull:
+        """The hull of a quarter of the drawn hull's faces, checked. Raises LeftOutError, CorruptArtifactError when it is at fault."""
+        faces = len(self.drawn["faces"])
+        wanted = faces // RATIO
+        if wanted < FEWEST_FACES:
+            raise LeftOutError(f"a coarser hull of {wanted} faces would not be faster than the drawn one of {faces}")
+        made = build_hull(self.drawn["positions"], self.drawn["faces"], wanted, lambda part: progress(_MADE * part))
+        if len(made.faces) > LARGEST_SHARE * faces:
+            raise LeftOutError(f"the mesh's topology lets no coarser hull have fewer than {len(made.faces)} of {faces} faces")
+        return self._baked(made.positions, made.faces, progress)
+
+    def finer(self, progress: Progress) -> OtherHull:
+        """The hull of four times the drawn hull's faces, checked; raises the same."""
+        wanted, most = RATIO * len(self.drawn["faces"]), int(FINEST_SHARE * len(self.mesh["faces"]))
+        if wanted > most:
+            raise LeftOutError(f"a finer hull of {wanted} faces would have more than half of the mesh's {len(self.mesh['faces'])}")
+        steps = (self.sequence["step_vertices"], self.sequence["step_positions"])
+        return self._baked(*cut_hull(self.mesh["positions"], self.mesh["faces"], *steps, wanted), progress)
+
+    def _baked(self, positions: F4, faces: I4, progress: Progress) -> OtherHull:
+        progress(_MADE)
+        hull: Tensors = {"positions": positions, "faces": faces, "normals": hull_normals(positions, faces)}
+        baked = bake_hull(self.mesh, hull, self.appearance, self.texels, lambda part: progress(_MADE + (_BAKED - _MADE) * part))
+        maps = baked.tensors()
+        checked = verify_hull(self.mesh, hull, maps)
+        progress(1.0)
+        return OtherHull(hull, maps, checked["volume_excess"])
+
+
+def other_hulls(source: HullSource, progress: Progress) -> tuple[tuple[OtherHull | None, OtherHull | None], list[str]]:
+    """(coarser, finer), None where it is left out, and why each one that is was."""
+    made: list[OtherHull | None] = []
+    left_out = []
+    for number, make in enumerate((source.coarser, source.finer)):
+
+        def report(part: float, number: int = number) -> None:
+            progress(0.5 * (number + part))
+
+        try:
+            made.append(make(report))
+        except LeftOutError as reason:
+            left_out.append(str(reason))
+        except CorruptArtifactError as fault:
+            left_out.append(f"it did not pass the checks: {fault.message}")
+        if len(made) == number:
+            made.append(None)
+    return (made[0], made[1]), left_out
+
+
+def described(one: OtherHull) -> dict[str, Any]:
+    """What the report says of a hull."""
+    return {"faces": len(one.hull["faces"]), "texels": max(one.maps["normal"].shape[:2]), "volume_excess": one.volume_excess}

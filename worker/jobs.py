@@ -1,22 +1,26 @@
 """The preprocessing: which function does which stage, and what becomes of its result.
 
-    load -> hull -> bake ---> verify (the mesh is ready) ... hulls -> measure
+    load -> hull -> bake ---> verify
                  -> levels -/
          -> tree ----------/
          -> inner --------/
 
-Their order is `schemas.jobs.STAGES`; those after `verify` are LATER_STAGES, which give way to all others. A stage reads its inputs from
-the store, calls one pure function and hands back what to keep (`worker.stages`). Here that is published, all of it or nothing, with the
-stage's record last; then the queue looks what is due next.
+and, where `measure` is on, of a mesh that is ready, when nothing else is to be done:
+
+    hulls -> measure
+
+Their order is `schemas.jobs.STAGES` and `LATER_STAGES`. A stage reads its inputs from the store, calls one pure function and hands
+back what to keep (`worker.stages`). Here that is published, all of it or nothing, with the stage's record last; then the queue looks
+what is due next.
 """
 
 from __future__ import annotations
 
 import logging
-import os
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rq.timeouts import JobTimeoutException
 
@@ -48,24 +52,21 @@ STAGE_FUNCTIONS: dict[str, Callable[[Inputs], Result | None]] = {
     "measure": stages.measure,
 }
 
-LOWEST_PRIORITY = 19
-
 KIB_PER_MIB = 1024
 
 
 def run_stage(mesh_id: str, stage: str) -> None:
     """Run one stage of a mesh and bring the mesh forward: what the queue calls, in a process of its own.
 
-    A fault of the mesh ends the mesh; any other exception goes to the queue, which tries again.
+    A fault of the mesh ends the mesh, or a later stage; any other exception goes to the queue, which tries again.
     """
     jobs = JobQueue.open(WorkerSettings())
-    later = stage in LATER_STAGES
-    if later:
-        os.nice(LOWEST_PRIORITY)
+    if stage in LATER_STAGES and not jobs.measure:  # enqueued before that was turned off
+        return
     try:
         report(jobs, mesh_id, stage, 0.0)
-        if records.read_stage(jobs.store, mesh_id, stage) is None and not (later and jobs.others_wait()):
-            run_and_record(jobs, mesh_id, stage)
+        if records.read_stage(jobs.store, mesh_id, stage) is None and run_and_record(jobs, mesh_id, stage) is None:
+            return  # the reconciler starts it again
         report(jobs, mesh_id, stage, 1.0)
     except CancelledError:
         log.info("stopped: the mesh is gone", extra={"mesh": mesh_id, "stage": stage})
@@ -78,18 +79,19 @@ def run_stage(mesh_id: str, stage: str) -> None:
 
 
 def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | None:
-    """Run one stage and publish its result with its record; None when it gave way to others and is to be started again.
+    """Run one stage and publish its result with its record; None when it paused, and is to be started again.
 
     Raises CancelledError, StorageFullError, and what is nobody's fault.
     """
     started = time.perf_counter()
-    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction), jobs.others_wait)
+    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction), jobs.has_waiting)
     try:
         inputs.progress(0.0)
         result = STAGE_FUNCTIONS[stage](inputs)
         if result is None:
+            log.info("stage paused", extra={"mesh": mesh_id, "stage": stage})
             return None
-        with records.publishing(jobs.store, mesh_id):
+        with publishing(jobs.store, mesh_id, stage):
             record = StageRecord(
                 stage=stage,
                 outcome="skipped" if result.skipped else "done",
@@ -104,7 +106,7 @@ def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | No
     except (SilhouetteError, MemoryError, JobTimeoutException) as error:
         record = failed_record(stage, time.perf_counter() - started, problem_of(fault_of(error)))
         log.warning("stage failed: %s", error, extra={"mesh": mesh_id, "stage": stage}, exc_info=True)
-        with records.publishing(jobs.store, mesh_id):
+        with publishing(jobs.store, mesh_id, stage):
             records.write_stage(jobs.store, mesh_id, record)
     log.info("stage %s", record.outcome, extra={"mesh": mesh_id, "stage": stage, "seconds": round(record.seconds, 3)})
     return record
@@ -122,14 +124,26 @@ def publish(store: Store, mesh_id: str, stage: str, result: Result) -> dict[str,
 
 
 def report(jobs: JobQueue, mesh_id: str, stage: str, fraction: float) -> None:
-    """Pass progress on. Raises CancelledError when the mesh is deleted, or has ended without the stage: it is then to be cleared.
+    """Pass progress on. Raises CancelledError when the stage is no longer wanted: what was passed on is then to be cleared.
 
     It is passed on first: a mesh that is deleted after the look is cleared by whoever deletes it, one before by the caller.
     """
     jobs.progress.report(mesh_id, stage, fraction)
-    over = stage not in LATER_STAGES and jobs.store.exists(keys.manifest(mesh_id))
-    if over or not records.is_accepted(jobs.store, mesh_id):
+    check_wanted(jobs.store, mesh_id, stage)
+
+
+def check_wanted(store: Store, mesh_id: str, stage: str) -> None:
+    """Raise CancelledError when the mesh is deleted, or has ended, or, for a later stage, has not: it was accepted anew meanwhile."""
+    if not records.is_accepted(store, mesh_id) or store.exists(keys.manifest(mesh_id)) != (stage in LATER_STAGES):
         raise CancelledError("the mesh has been deleted or has ended", mesh=mesh_id)
+
+
+@contextmanager
+def publishing(store: Store, mesh_id: str, stage: str) -> Iterator[None]:
+    """Hold the mesh while the result of a stage is written. Raises CancelledError when it is no longer wanted."""
+    with records.publishing(store, mesh_id):
+        check_wanted(store, mesh_id, stage)
+        yield
 
 
 def fault_of(error: Exception) -> SilhouetteError:

@@ -21,6 +21,7 @@ from rq.serializers import JSONSerializer
 
 from backend.queue import JobQueue, StageQueue
 from schemas.errors import SilhouetteError
+from schemas.jobs import LATER_QUEUE
 from worker.settings import WorkerSettings
 
 log = logging.getLogger("silhouette.worker")
@@ -31,10 +32,11 @@ MAINTENANCE_S = 2
 HEARTBEAT_TTL_S = 10  # RQ adds a minute to the rest of the job's time instead
 RECONNECT_S = 2.0
 PR_SET_PDEATHSIG = 1
+LOWEST_PRIORITY = 19
 
 
 class StageWorker(Worker):
-    """A worker of the one queue; when idle it also compares the store with the queue."""
+    """A worker of both queues; when idle it also compares the store with them."""
 
     queue_class = StageQueue
     max_connection_wait_time = RECONNECT_S
@@ -43,7 +45,7 @@ class StageWorker(Worker):
         self._jobs = jobs
         self._settings = settings
         super().__init__(
-            [jobs.queue],
+            [jobs.queue, jobs.later],
             connection=jobs.redis,
             serializer=JSONSerializer,
             worker_ttl=WORKER_TTL_S,
@@ -67,9 +69,18 @@ class StageWorker(Worker):
             self.connection.delete(execution.key)
 
     def main_work_horse(self, job: Job, queue: Queue) -> None:
-        """The forked child, which dies with its worker: else a job that is started again would run twice at once."""
+        """The forked child, which dies with its worker: else a job that is started again would run twice at once.
+
+        A later stage gets what processor time is left.
+        """
         die_with_parent()
+        if queue.name == LATER_QUEUE:
+            os.nice(LOWEST_PRIORITY)
         super().main_work_horse(job, queue)
+
+    def prepare_job_execution(self, job: Job, remove_from_intermediate_queue: bool = True) -> None:
+        """RQ's own, but the job leaves the intermediate list of its queue, as if there were only one queue (`StageQueue.lpop`)."""
+        super().prepare_job_execution(job, remove_from_intermediate_queue=True)
 
     def handle_job_failure(
         self, job: Job, queue: Queue, started_job_registry: Any = None, exc_string: str = "", execution: Execution | None = None

@@ -7,8 +7,8 @@ levels  reports levels, capabilities; keeps level_0, level_0_tree, ...
 tree    reports nodes; keeps tree
 inner   reports levels, capabilities; keeps inner_sequence
 verify  reports what was checked, capabilities that are withheld; keeps nothing
-hulls   reports hulls, left_out; keeps hull_1, maps_1, hull_2, maps_2
-measure reports `schemas.ladder.Ladder`; keeps nothing
+hulls   reports hulls, left_out: what was not made, and why; keeps hull_1, maps_1 (coarser), hull_2, maps_2 (finer)
+measure reports the measured ladder (`schemas.ladder.Ladder`); keeps nothing
 
 A mesh that cannot be clipped has use for load, verify and measure only.
 """
@@ -31,18 +31,17 @@ import numpy.typing as npt
 from backend import records
 from backend.artifacts import open_artifact
 from backend.store import Store
-from schemas import artifacts, keys
+from schemas import artifacts, jobs, keys
 from schemas.artifacts import Layout
 from schemas.conventions import F4, I4, Frame
 from schemas.errors import CorruptArtifactError
-from schemas.jobs import MEASURE
 from schemas.manifest import Accepted
 from worker import downloads
-from worker.bake import Maps, bake_maps, hull_normals
+from worker.bake import Maps, bake_hull, hull_normals
 from worker.distance import ROUGHLY
 from worker.enclosure import Solid
 from worker.hull import Hull, build_hull
-from worker.hulls import build_other_hull, other_sizes
+from worker.hulls import HullSource, described, other_hulls
 from worker.levels import HullLevel, build_levels, hull_levels, level_sizes
 from worker.load import load_mesh
 from worker.side_by_side import run_side_by_side
@@ -78,13 +77,16 @@ class HullSurface(NamedTuple):
 
 
 class Inputs:
-    """What a stage may read of its mesh. `progress` takes a fraction and raises CancelledError when the mesh is gone; `pause`: whether
-    others wait for the worker, which only a later stage asks.
+    """What a stage may read of its mesh. `progress` takes a fraction and raises CancelledError when the mesh is gone.
+
+    `pause`: whether others wait for the worker, for a stage that can be interrupted.
     """
 
-    def __init__(self, store: Store, mesh_id: str, progress: Callable[[float], None], pause: Callable[[], bool] = lambda: False) -> None:
-        self.progress, self.pause = progress, pause
-        self.store, self.mesh_id = store, mesh_id
+    def __init__(self, store: Store, mesh_id: str, progress: Callable[[float], None], pause: Callable[[], bool]) -> None:
+        self.store = store
+        self.mesh_id = mesh_id
+        self.progress = progress
+        self.pause = pause
 
     @cached_property
     def accepted(self) -> Accepted:
@@ -107,6 +109,12 @@ class Inputs:
     def clippable(self) -> bool:
         """Whether the mesh is a closed oriented surface."""
         return bool(self.loaded["capabilities"]["clip"]["available"])
+
+    @property
+    def is_clipped(self) -> bool:
+        """Whether the mesh, which is ready, is drawn as a clipped hull: what that needs has passed its checks."""
+        manifest = records.read_manifest(self.store, self.mesh_id)
+        return manifest is not None and "clip" in manifest.capabilities and manifest.capabilities["clip"].available
 
     @property
     def frame(self) -> Frame:
@@ -174,26 +182,9 @@ def bake(inputs: Inputs) -> Result:
     if not inputs.clippable:
         return SKIPPED
     mesh, coarse = inputs.tensors(artifacts.MESH), inputs.tensors(artifacts.HULL)
-    maps = bake_maps(
-        coarse["positions"],
-        coarse["faces"],
-        coarse["normals"],
-        mesh["positions"],
-        mesh["faces"],
-        mesh["normals"],
-        inputs.tensors_if_any(artifacts.APPEARANCE),
-        inputs.accepted.options.texels,
-        inputs.progress,
-        corner_normals=mesh.get("corner_normals"),
-    )
+    maps = bake_hull(mesh, coarse, inputs.tensors_if_any(artifacts.APPEARANCE), inputs.accepted.options.texels, inputs.progress)
     report = {"missed": int(maps.missed), "texel_count": int(maps.texel_count), "tile_side": int(maps.tile_side)}
-    return Result(report, [(artifacts.MAPS, map_tensors(maps))], files_of(coarse, maps, inputs.frame))
-
-
-def map_tensors(maps: Maps) -> Tensors:
-    """The tensors of `artifacts.MAPS`."""
-    tensors: Tensors = {"tile_uv": maps.tile_uv, "normal": maps.normal}
-    return tensors if maps.color is None else tensors | {"color": maps.color}
+    return Result(report, [(artifacts.MAPS, maps.tensors())], files_of(coarse, maps, inputs.frame))
 
 
 def files_of(coarse: Tensors, maps: Maps, frame: Frame) -> dict[str, bytes]:
@@ -284,46 +275,6 @@ def verify(inputs: Inputs) -> Result:
     return Result(report)
 
 
-def hulls(inputs: Inputs) -> Result:
-    """Hulls of other sizes that can be drawn, each checked as the drawn one is; one that does not pass is left out."""
-    sequence = inputs.tensors_if_any(artifacts.HULL_SEQUENCE, verify=True) if inputs.clippable else None
-    if sequence is None:
-        return SKIPPED
-    mesh, appearance = inputs.tensors(artifacts.MESH), inputs.tensors_if_any(artifacts.APPEARANCE)
-    steps = (sequence["step_vertices"], sequence["step_positions"])
-    sizes = other_sizes(len(mesh["faces"]), inputs.report("hull")["faces"])
-    kept: list[tuple[Layout, Tensors]] = []
-    report: dict[str, Any] = {"hulls": [], "left_out": []}
-    for number, size in enumerate(sizes):
-        share = partial(shared_progress, inputs.progress, number, len(sizes))
-        made = build_other_hull(mesh, appearance, steps, size, inputs.accepted.options.texels, share)
-        if made is None:
-            report["left_out"].append({"faces": size, "reason": "the sequence of hulls does not come to so few faces"})
-            continue
-        tensors, maps = made.tensors(), map_tensors(made.maps)
-        try:
-            verify_artifacts(mesh, tensors, maps, None, lambda part: None)
-        except CorruptArtifactError as error:
-            report["left_out"].append({"faces": len(made.faces), **withheld("a hull of another size", error)})
-            continue
-        place = len(report["hulls"])
-        kept += [(artifacts.OTHER_HULLS[place], tensors), (artifacts.OTHER_MAPS[place], maps)]
-        report["hulls"].append({"faces": len(made.faces), "volume_excess": made.volume_excess})
-    return Result(report, kept)
-
-
-def shared_progress(progress: Callable[[float], None], number: int, count: int, part: float) -> None:
-    """Progress of one of several equal pieces of work."""
-    progress((number + part) / count)
-
-
-def measure(inputs: Inputs) -> Result | None:
-    """The ladder of the mesh; None when it gave way to others. The code that draws is the service's, known by its name only."""
-    module, _, name = MEASURE.rpartition(".")
-    report = getattr(importlib.import_module(module), name)(inputs.store, inputs.mesh_id, inputs.progress, inputs.pause)
-    return None if report is None else Result(report)
-
-
 def clipping_checked(inputs: Inputs, mesh: Tensors) -> dict[str, Any]:
     """What was checked of the mesh and of what clipping needs. Raises CorruptArtifactError."""
     coarse, maps, search = (inputs.tensors_if_any(layout, verify=True) for layout in (artifacts.HULL, artifacts.MAPS, artifacts.TREE))
@@ -350,6 +301,26 @@ def withheld(what: str, error: CorruptArtifactError) -> dict[str, Any]:
     """The capability that a mesh lost to a fault in what it needs."""
     log.exception("%s withheld: %s", what, error.message, extra=error.where)
     return {"available": False, "reason": f"its preprocessing did not pass the checks: {error.message}"}
+
+
+def hulls(inputs: Inputs) -> Result:
+    """Hulls of other sizes that can be drawn, with their maps."""
+    if not inputs.is_clipped:
+        return SKIPPED
+    mesh, drawn, sequence = (inputs.tensors(layout) for layout in (artifacts.MESH, artifacts.HULL, artifacts.HULL_SEQUENCE))
+    source = HullSource(mesh, drawn, sequence, inputs.tensors_if_any(artifacts.APPEARANCE), inputs.accepted.options.texels)
+    made, left_out = other_hulls(source, inputs.progress)
+    kept: list[tuple[Layout, Tensors]] = []
+    for place, maps_place, one in zip(artifacts.OTHER_HULLS, artifacts.OTHER_MAPS, made, strict=True):
+        kept += [] if one is None else [(place, one.hull), (maps_place, one.maps)]
+    return Result({"hulls": [described(one) for one in made if one is not None], "left_out": left_out}, kept)
+
+
+def measure(inputs: Inputs) -> Result | None:
+    """The measured ladder, by the one callable here that draws; None when it paused. Imported by name: this side has no renderer."""
+    module, _, name = jobs.MEASURE.rpartition(".")
+    report = getattr(importlib.import_module(module), name)(inputs.store, inputs.mesh_id, inputs.progress, inputs.pause)
+    return None if report is None else Result(report)
 
 
 def sha256(data: bytes) -> str:

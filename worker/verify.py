@@ -50,9 +50,7 @@ def verify_artifacts(
     if "edge_vertices" in mesh:
         checks.append(("edges", lambda: check_edges(mesh)))
     if hull is not None:
-        checks += [("hull", lambda: _check_hull(mesh, hull)), ("enclosure", lambda: _check_enclosure(mesh, hull))]
-        if maps is not None:
-            checks.append(("maps", lambda: _check_maps(hull, maps)))
+        checks += _hull_checks(mesh, hull, maps)
     if tree is not None:
         checks += [("tree", lambda: check_tree(mesh, tree)), ("eyes", lambda: _check_eyes(mesh, tree))]
     seconds: dict[str, float] = {}
@@ -64,6 +62,22 @@ def verify_artifacts(
         seconds[name] = round(time.perf_counter() - started, 4)
     progress(1.0)
     return {"checks": seconds, **facts}
+
+
+def verify_hull(mesh: Tensors, hull: Tensors, maps: Tensors) -> dict[str, Any]:
+    """The same checks of one hull and its maps against a mesh that has passed its own: volume_excess, grazing_points, ...
+
+    Raises CorruptArtifactError.
+    """
+    facts: dict[str, Any] = {}
+    for _, check in _hull_checks(mesh, hull, maps):
+        facts |= check() or {}
+    return facts
+
+
+def _hull_checks(mesh: Tensors, hull: Tensors, maps: Tensors | None) -> list[Check]:
+    checks: list[Check] = [("hull", lambda: _check_hull(mesh, hull)), ("enclosure", lambda: _check_enclosure(mesh, hull))]
+    return checks if maps is None else [*checks, ("maps", lambda: _check_maps(hull, maps))]
 
 
 def _require(holds: bool | np.bool_, artifact: str, check: str, message: str, **where: Any) -> None:

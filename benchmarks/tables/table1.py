@@ -59,7 +59,7 @@ def step_times(gpu: Gpu, asset: MeshAsset, views: int, rung: tuple) -> dict[str,
         wanted = frame.request(view, views, SIDE_PX, rung)
         for again in range(3):
             sums = dict.fromkeys(("extraction", "mask", "hull", "rest"), 0.0)
-            for name, ms in render_frame(gpu, asset, wanted, wait_each=True).passes:
+            for name, ms in render_frame(gpu, asset, wanted, true_times=True).passes:
                 sums[STEPS.get(name, "rest")] += ms
             for step, ms in sums.items() if again else ():
                 frames[step].append(ms)

@@ -35,17 +35,22 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     size: Size = "512",
     background: Annotated[str, typer.Option(help="transparent or #rrggbb.")] = "transparent",
     shading: Annotated[ShadingMode, typer.Option(help="How the surface is shaded.")] = ShadingMode.LAMBERT,
-    antialias: Annotated[
-        Antialias, typer.Option(help="How the outline is smoothed; msaa and ssaa need the original.")
-    ] = Antialias.COVERAGE,
+    antialias: Annotated[Antialias, typer.Option(help="How the outline is smoothed; msaa and ssaa need the original.")] = Antialias.AUTO,
     source: Annotated[Source, typer.Option(help="Draw the clipped hull or the original mesh.")] = Source.AUTO,
     smooth: Smooth = False,
     max_error: MaxError = None,
+    budget: Annotated[float | None, typer.Option(help="Milliseconds that drawing may take: the most accurate picture that fits.")] = None,
+    min_psnr: Annotated[float | None, typer.Option(help="Decibels that shading must reach: the cheapest hull and maps that do.")] = None,
+    level: Annotated[int | None, typer.Option(help="Level that the outline is taken from, finest first; -1 is the mesh.")] = None,
+    hull_faces: Annotated[int | None, typer.Option(help="Draw the hull of the nearest size.")] = None,
+    texels: Annotated[int | None, typer.Option(help="Draw with maps of at most so many texels a side.")] = None,
     url: Url = DEFAULT_URL,
 ) -> None:
     """Render a picture of a mesh.
 
     `silhouette render bunny.ply -o bunny.png --azimuth 40 --size 800x600`
+
+    `silhouette render bunny.ply -o quick.png --budget 3` or `--max-error 0.5`; `silhouette accuracy bunny.ply` says what there is.
 
     `silhouette render 3f2a91 -o - --eye 0,0,3 --background "#ffffff" | display`
     """
@@ -56,7 +61,17 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         "height": height,
         "background": background,
         "shading": {"mode": shading},
-        "accuracy": {"antialias": antialias, "source": source, "smooth": smooth, "max_error_px": max_error},
+        "accuracy": {
+            "antialias": antialias,
+            "source": source,
+            "smooth": smooth,
+            "max_error_px": max_error,
+            "budget_ms": budget,
+            "min_psnr_db": min_psnr,
+            "level": level,
+            "hull_faces": hull_faces,
+            "texels": texels,
+        },
         "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
     }
     with chosen(url, mesh) as (client, mesh_id):

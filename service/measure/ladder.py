@@ -160,7 +160,7 @@ def _drawn(gpu: Gpu, asset: MeshAsset, number: int, camera: AnyCamera, size: int
     request = RenderRequest(camera=camera, width=size, height=size, accuracy=explicit(asset.rungs, number))
     try:
         for _ in range(2 if warm else 1):
-            image = render_frame(gpu, asset, request, wait_each=True)
+            image = render_frame(gpu, asset, request, true_times=True)
     except CapabilityError:
         return None
     assert image.planned is not None

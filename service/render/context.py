@@ -7,16 +7,23 @@ A context belongs to the thread that makes it, and a process must not fork once 
 from __future__ import annotations
 
 import ctypes
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import glcontext
 import moderngl
+import numpy as np
+import numpy.typing as npt
 
 LIBRARIES = {"libEGL.so.1": "libegl1", "libGL.so.1": "libgl1"}
 """Shared library -> the Debian package that has it."""
 PACKAGES = "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
 LEAST_VERSION = 330
+
+TIMER_SIDE, TIMER_CLEARS = 256, 256
+"""Work to try timer queries on: pixels a side, and how often all of them are cleared."""
 
 STENCIL_CENTRE = 128
 """Cleared stencil value: the winding number zero, with room for negative ones below it."""
@@ -55,6 +62,23 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
 }
 
 
+@dataclass(frozen=True)
+class GlWork:
+    """What the GL was made to do: draw calls, and bytes given to it in buffers and textures."""
+
+    draws: int = 0
+    uploaded_bytes: int = 0
+
+    def __sub__(self, earlier: GlWork) -> GlWork:
+        return GlWork(self.draws - earlier.draws, self.uploaded_bytes - earlier.uploaded_bytes)
+
+    def __add__(self, other: GlWork) -> GlWork:
+        return GlWork(self.draws + other.draws, self.uploaded_bytes + other.uploaded_bytes)
+
+
+NO_WORK = GlWork()
+
+
 class EglUnavailableError(RuntimeError):
     """This machine cannot draw: EGL or GL is missing or refuses a context. The message says what to install."""
 
@@ -82,9 +106,55 @@ class GlContext:
             name: ctypes.CFUNCTYPE(*signature)(native.load(name)) for name, signature in _SIGNATURES.items()
         }
         self.most_samples = min(4, int(self.ctx.max_samples))
+        self._draws = self._uploaded = 0
+        self.has_timers = self._timers_work()
+
+    @property
+    def work(self) -> GlWork:
+        """What has been done so far."""
+        return GlWork(self._draws, self._uploaded)
+
+    def buffer(self, data: bytes) -> moderngl.Buffer:
+        """A buffer with these bytes."""
+        self._uploaded += len(data)
+        return self.ctx.buffer(data)
+
+    def fill(self, buffer: moderngl.Buffer, data: npt.NDArray[Any]) -> None:
+        """Give a buffer other contents, whatever still draws from the old ones."""
+        self._uploaded += data.nbytes
+        buffer.orphan()
+        buffer.write(np.ascontiguousarray(data))
+
+    def texture(self, size: tuple[int, int], channels: int, data: bytes, internal_format: int | None = None) -> moderngl.Texture:
+        """A texture of rows without padding."""
+        self._uploaded += len(data)
+        if internal_format is None:
+            return self.ctx.texture(size, channels, data, alignment=1)
+        return self.ctx.texture(size, channels, data, alignment=1, internal_format=internal_format)
+
+    def timed(self) -> moderngl.Query:
+        """A query that times what the GL does inside a `with` block; its `elapsed` (ns) waits."""
+        return self.ctx.query(time=True)
+
+    def _timers_work(self) -> bool:
+        """Whether timer queries count the work. Those of software renderers count handing it over."""
+        # kept: moderngl binds it again whenever it has made another framebuffer
+        framebuffer = self._tried = self.ctx.simple_framebuffer((TIMER_SIDE, TIMER_SIDE))
+        framebuffer.use()
+        query = self.timed()
+        self.finish()
+        start = time.perf_counter_ns()
+        with query:
+            for _ in range(TIMER_CLEARS):
+                framebuffer.clear()
+        self.finish()
+        taken = time.perf_counter_ns() - start
+        elapsed = int(query.elapsed)
+        return 0.5 * taken <= elapsed <= 1.1 * taken
 
     def release(self) -> None:
         """Give the context back; nothing made in it may be used afterwards."""
+        self._tried.release()
         self.ctx.release()
 
     def check(self) -> None:
@@ -103,6 +173,7 @@ class GlContext:
 
     def draw(self, array: moderngl.VertexArray, mode: int = moderngl.TRIANGLES, *, vertices: int | None = None, instances: int = 1) -> None:
         """What `array.render` does. A software renderer works inside these calls, and moderngl holds the interpreter lock there."""
+        self._draws += 1
         count = array.vertices if vertices is None else vertices
         self._gl["glUseProgram"](array.program.glo)
         self._gl["glBindVertexArray"](array.glo)

@@ -6,11 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import moderngl
+
 from schemas.conventions import U1
 from schemas.render import RenderRequest, ShadingMode
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
 from service.render.bands import draw_in_bands
+from service.render.context import NO_WORK, GlWork
 from service.render.passes.background import make_background
 from service.render.passes.clear import clear_target
 from service.render.passes.composite import compose
@@ -70,19 +73,44 @@ TILE_SAMPLES = 2048
 
 
 class Timed:
-    """Runs passes and keeps what each took, milliseconds, in order. wait_each: waits for the GL after those that draw."""
+    """Runs passes and keeps what each took, milliseconds, in order.
 
-    def __init__(self, gpu: Gpu, wait_each: bool) -> None:
-        self._gpu, self._wait = gpu, wait_each
+    true_times: of passes that draw, what the GL takes for them and not only what handing them over takes: by its timers where they
+    work, and by waiting for each pass otherwise.
+    """
+
+    def __init__(self, gpu: Gpu, true_times: bool) -> None:
+        self._gpu = gpu
+        self._waits = true_times and not gpu.gl.has_timers
+        self._asks = true_times and gpu.gl.has_timers
+        self._asked: list[tuple[str, moderngl.Query, float]] = []
         self.ms: dict[str, float] = {}
 
     def run(self, name: str, make: Make, frame: FrameState, *, draws: bool = False) -> None:
         """Make one pass."""
         start = time.perf_counter()
+        if self._asks and draws:
+            with self._gpu.gl.timed() as query:
+                make(frame)
+            handed_over = (time.perf_counter() - start) * 1e3
+            self._asked.append((name, query, handed_over))
+            self._keep(name, handed_over)
+            return
         make(frame)
-        if self._wait and draws:
+        if self._waits and draws:
             self._gpu.gl.finish()
-        self.ms[name] = self.ms.get(name, 0.0) + (time.perf_counter() - start) * 1e3
+        self._keep(name, (time.perf_counter() - start) * 1e3)
+
+    def settle(self) -> None:
+        """Ask the GL's timers, once all is drawn: what a pass took there beyond handing it over was waited for by reading."""
+        for name, query, handed_over in self._asked:
+            beyond = max(0.0, query.elapsed / 1e6 - handed_over)
+            self.ms[name] += beyond
+            self.ms["read"] = max(0.0, self.ms.get("read", 0.0) - beyond)
+        self._asked.clear()
+
+    def _keep(self, name: str, ms: float) -> None:
+        self.ms[name] = self.ms.get(name, 0.0) + ms
 
     def add(self, passes: dict[str, float]) -> None:
         """Keep what passes took that were timed elsewhere."""
@@ -94,8 +122,8 @@ class Timed:
 class RenderedImage:
     """A picture. pixels: (h, w, 4) u1 sRGB, straight alpha, row 0 at the top.
 
-    passes: (name, milliseconds) in order; unless each was waited for, "read" waits for what the drawing passes began. plan: the
-    names of the passes that ran. rung: source/antialias that was drawn.
+    passes: (name, milliseconds) in order; without true times "read" waits for what the drawing passes began. plan: the
+    names of the passes that ran. work: what the GL was made to do. rung: source/antialias that was drawn.
     error_px: how far the outline may be off the original's, pixels; None where that is not known. area: outside it there is
     nothing but background. planned: what was decided before, None for a picture of several meshes. edges: of the silhouette it met.
     ms: from the resolved request to pixels in memory.
@@ -110,6 +138,7 @@ class RenderedImage:
     planned: Plan | None = None
     edges: int = 0
     ms: float = 0.0
+    work: GlWork = NO_WORK
 
     @property
     def level(self) -> LevelInView | None:
@@ -117,31 +146,31 @@ class RenderedImage:
         return None if self.planned is None else self.planned.level
 
 
-def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, wait_each: bool = False) -> RenderedImage:
-    """Draw one picture. wait_each: wait for the GL after every pass that draws, for true times of each; a frame takes longer so.
+def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, true_times: bool = False) -> RenderedImage:
+    """Draw one picture. true_times: of each pass (`Timed`); without GL timers that waits after each, and a frame takes a little longer.
 
     Raises CapabilityError and InvalidRequestError; RuntimeError when the GL reports an error.
     """
     view = resolve_camera(request.camera, asset.frame, request.width, request.height, asset.radius)
-    return render_view(gpu, asset, request, view, wait_each=wait_each)
+    return render_view(gpu, asset, request, view, true_times=true_times)
 
 
-def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, *, wait_each: bool = False) -> RenderedImage:
+def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, *, true_times: bool = False) -> RenderedImage:
     """The same for a camera that has been resolved already; that of the request is not looked at."""
-    start = time.perf_counter()
+    start, before = time.perf_counter(), gpu.gl.work
     plan = plan_frame(request, asset, view, gpu.costs)
     background = None if request.background == "transparent" else parse_color(request.background)
     frame = FrameState(gpu, asset, request, plan, view, background, plan.level, area=plan.area)
     if frame.area.width:
         frame.grow_area()
-    times = Timed(gpu, wait_each)
+    times = Timed(gpu, true_times)
     _draw(frame, [step for step in FRAME if step.name in plan.passes], times)
     ms = (time.perf_counter() - start) * 1e3
     if frame.area.width and plan.mode is not ShadingMode.MASK and not plan.smooth:
         edges = len(frame.edges) if plan.level is None and "edges" in plan.passes else None
         gpu.costs.observe(asset, plan.choice.number, plan.terms(view), ms, edges)
-    passes = tuple(times.ms.items())
-    return RenderedImage(frame.image, passes, tuple(times.ms), plan.rung, plan.error_px, frame.area, plan, len(frame.edges), ms)
+    passes, work = tuple(times.ms.items()), gpu.gl.work - before
+    return RenderedImage(frame.image, passes, tuple(times.ms), plan.rung, plan.error_px, frame.area, plan, len(frame.edges), ms, work)
 
 
 def _draw(frame: FrameState, steps: list[Pass], times: Timed) -> None:
@@ -160,6 +189,7 @@ def _draw(frame: FrameState, steps: list[Pass], times: Timed) -> None:
         for step in steps:
             if step.each_tile:
                 times.run(step.name, step.make, frame, draws=step.draws)
+    times.settle()
     frame.gpu.gl.check()
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from schemas.conventions import I4, Array
 from service.assets import DrawnHull, MeshAsset
+from service.render.context import GlContext
 from service.render.halved_maps import halved_maps
 from service.render.targets import SRGB8_ALPHA8
 
@@ -65,9 +66,9 @@ def attributes(fields: Fields, prefix: str, used: set[str]) -> tuple[str, list[s
 class GpuCache:
     """Surfaces by asset and hull. A single surface larger than the limit is kept as long as it is the latest."""
 
-    def __init__(self, ctx: moderngl.Context, capacity_mib: int) -> None:
-        self._ctx, self._capacity = ctx, capacity_mib << 20
-        self._largest_texture = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
+    def __init__(self, gl: GlContext, capacity_mib: int) -> None:
+        self._gl, self._capacity = gl, capacity_mib << 20
+        self._largest_texture = int(gl.ctx.info["GL_MAX_TEXTURE_SIZE"])
         self._kept: OrderedDict[tuple[str, int | None, int, bool], Surface] = OrderedDict()
 
     def __len__(self) -> int:
@@ -114,8 +115,8 @@ class GpuCache:
             edge_ends = rows[edge_corners(hull.hull["faces"], hull.edges.vertices, hull.edges.faces[:, 0])]
         return Surface(
             fields_of(rows.dtype),
-            self._ctx.buffer(rows.tobytes()),
-            None if indices is None else self._ctx.buffer(indices.tobytes()),
+            self._gl.buffer(rows.tobytes()),
+            None if indices is None else self._gl.buffer(indices.tobytes()),
             {name: self._texture(image, srgb=name == "color_map", repeat=hull is None) for name, image in images.items()},
             frozenset(definitions),
             rows.nbytes + (0 if indices is None else indices.nbytes) + sum(4 * i.shape[0] * i.shape[1] for i in images.values()),
@@ -127,10 +128,7 @@ class GpuCache:
         image = image[::step, ::step]
         height, width, channels = image.shape
         data = np.ascontiguousarray(image).tobytes()
-        if srgb:
-            texture = self._ctx.texture((width, height), channels, data, alignment=1, internal_format=SRGB8_ALPHA8)
-        else:
-            texture = self._ctx.texture((width, height), channels, data, alignment=1)
+        texture = self._gl.texture((width, height), channels, data, SRGB8_ALPHA8 if srgb else None)
         texture.repeat_x = texture.repeat_y = repeat
         return texture
 

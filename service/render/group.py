@@ -33,22 +33,25 @@ class Member:
     view: View
 
 
-def render_group(gpu: Gpu, members: Sequence[Member], *, wait_each: bool = False) -> RenderedImage:
+def render_group(gpu: Gpu, members: Sequence[Member], *, true_times: bool = False) -> RenderedImage:
     """Draw meshes together on a transparent ground.
 
     Raises ValueError for members whose rungs differ or have an outline; RuntimeError when the GL reports an error.
     """
+    before = gpu.gl.work
     frames = [_frame(gpu, member) for member in members]
     first = frames[0]
     if any(f.plan.antialias is not first.plan.antialias or "edges" in f.plan.passes for f in frames):
         raise ValueError("a group is drawn from originals on one rung without outlines")
     view, area = first.view, _around([f.area for f in frames if f.area.width])
     image = np.zeros((view.height, view.width, 4), np.uint8)
-    times = Timed(gpu, wait_each)
+    times = Timed(gpu, true_times)
     for tile in tiles_of(first.plan, area):
         _draw_tile(frames, tile, image, times)
+    times.settle()
     gpu.gl.check()
-    return RenderedImage(image, tuple(times.ms.items()), tuple(times.ms), first.plan.rung, first.plan.error_px, area)
+    passes, rung = tuple(times.ms.items()), first.plan.rung
+    return RenderedImage(image, passes, tuple(times.ms), rung, first.plan.error_px, area, work=gpu.gl.work - before)
 
 
 def _draw_tile(frames: list[FrameState], tile: Tile, image: U1, times: Timed) -> None:

@@ -38,13 +38,13 @@ class _Job:
 class Renderer:
     """Draws frames in a thread of its own, one after the other.
 
-    queue_depth: frames that may wait. gpu_cache_mib: of meshes and maps kept in the GL. wait_each: see `render_frame`.
+    queue_depth: frames that may wait. gpu_cache_mib: of meshes and maps kept in the GL. true_times: see `render_frame`.
     """
 
-    def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, wait_each: bool = False) -> None:
+    def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, true_times: bool = False) -> None:
         self._jobs: queue.Queue[_Job | None] = queue.Queue(queue_depth)
         self._cache_mib = gpu_cache_mib
-        self._wait_each = wait_each
+        self._true_times = true_times
         self._thread: threading.Thread | None = None
         self._open = False
         self._lock = threading.Lock()
@@ -87,7 +87,7 @@ class Renderer:
 
         Raises BusyError when the queue is full or the renderer is closed.
         """
-        return self.submit_drawing(lambda gpu, wait_each: render_frame(gpu, asset, request, wait_each=wait_each))
+        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times))
 
     def submit_drawing(self, draw: Draw) -> Future[RenderedImage]:
         """The same for a picture of several frames."""
@@ -118,7 +118,7 @@ class Renderer:
         if not job.future.set_running_or_notify_cancel():
             return
         try:
-            image = job.draw(gpu, self._wait_each)
+            image = job.draw(gpu, self._true_times)
         except Exception as error:
             job.future.set_exception(error)
             return

@@ -56,8 +56,8 @@ def word_of(color: Color) -> np.uint32:
 class Stream:
     """Buffers that are filled anew for every draw and grow as needed."""
 
-    def __init__(self, ctx: moderngl.Context) -> None:
-        self._ctx = ctx
+    def __init__(self, gl: GlContext) -> None:
+        self._gl, self._ctx = gl, gl.ctx
         self._vertices: moderngl.Buffer | None = None
         self._indices: moderngl.Buffer | None = None
         self._array: moderngl.VertexArray | None = None
@@ -81,8 +81,7 @@ class Stream:
             if buffer is not None:
                 buffer.release()
             buffer = self._ctx.buffer(reserve=max(LEAST_STREAM, 2 * data.nbytes), dynamic=True)
-        buffer.orphan()
-        buffer.write(np.ascontiguousarray(data))
+        self._gl.fill(buffer, data)
         return buffer
 
     def release(self) -> None:
@@ -100,7 +99,7 @@ class Gpu:
         self.ctx = self.gl.ctx
         self.programs = Programs(self.ctx)
         self.targets = Targets(self.gl)
-        self.cache = GpuCache(self.ctx, cache_mib)
+        self.cache = GpuCache(self.gl, cache_mib)
         self.hulls = HullCache(cache_mib)
         self.scratch = ThreadScratch()
         self.costs = CostModel(str(self.ctx.info["GL_RENDERER"]), NOMINAL)
@@ -125,7 +124,7 @@ class Gpu:
     ) -> moderngl.VertexArray:
         """Vertices, and maybe indices, for the next draw with this program; the buffers are used again."""
         if program not in self._streams:
-            self._streams[program] = Stream(self.ctx)
+            self._streams[program] = Stream(self.gl)
         return self._streams[program].filled(program, data, layout, names, indices)
 
     def release(self) -> None:

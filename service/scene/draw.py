@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from service.kernels.layers import put_over, settle
+from service.render.context import NO_WORK
 from service.render.frame import RenderedImage, render_view
 from service.render.group import Member, render_group
 from service.render.renderer import Draw
@@ -14,7 +15,7 @@ from service.tile import Tile
 from service.waiting import Stopwatch
 
 
-def draw_scene(gpu: Gpu, plan: ScenePlan, *, wait_each: bool = False) -> RenderedImage:
+def draw_scene(gpu: Gpu, plan: ScenePlan, *, true_times: bool = False) -> RenderedImage:
     """Draw it. The times of a pass are summed over the layers; `plan` of the picture names the layers and what is in them.
 
     rung: those of all layers; error_px: the largest of them. Raises RuntimeError when the GL reports an error.
@@ -28,7 +29,7 @@ def draw_scene(gpu: Gpu, plan: ScenePlan, *, wait_each: bool = False) -> Rendere
     times: dict[str, float] = {}
     steps, drawn = [], []
     for number, layer in enumerate(plan.layers):
-        picture = _draw(gpu, layer, wait_each)
+        picture = _draw(gpu, layer, true_times)
         clock = Stopwatch()
         a = picture.area
         put_over(as_words(picture.pixels), a.x, a.y, a.x + a.width, a.y + a.height, words, mixed, light, LINEAR_TABLE)
@@ -43,20 +44,21 @@ def draw_scene(gpu: Gpu, plan: ScenePlan, *, wait_each: bool = False) -> Rendere
     rungs = dict.fromkeys(picture.rung for picture in drawn)
     error = max((picture.error_px or 0.0 for picture in drawn), default=0.0)
     whole = Tile(0, 0, plan.width, plan.height)
-    return RenderedImage(image, tuple(times.items()), tuple(steps), "+".join(rungs) or "empty", error, whole)
+    work = sum((picture.work for picture in drawn), NO_WORK)
+    return RenderedImage(image, tuple(times.items()), tuple(steps), "+".join(rungs) or "empty", error, whole, work=work)
 
 
 def drawing_of(plan: ScenePlan) -> Draw:
     """The drawing of a plan as a job for the renderer."""
-    return lambda gpu, wait_each: draw_scene(gpu, plan, wait_each=wait_each)
+    return lambda gpu, true_times: draw_scene(gpu, plan, true_times=true_times)
 
 
-def _draw(gpu: Gpu, layer: Layer, wait_each: bool) -> RenderedImage:
+def _draw(gpu: Gpu, layer: Layer, true_times: bool) -> RenderedImage:
     if len(layer.parts) == 1:
         part = layer.parts[0]
-        return render_view(gpu, part.asset, part.request, part.view, wait_each=wait_each)
+        return render_view(gpu, part.asset, part.request, part.view, true_times=true_times)
     members = [Member(part.asset, part.request, part.view) for part in layer.parts]
-    return render_group(gpu, members, wait_each=wait_each)
+    return render_group(gpu, members, true_times=true_times)
 
 
 def _described(number: int, layer: Layer, picture: RenderedImage) -> str:

@@ -8,7 +8,7 @@ from rq.job import Job, JobStatus
 from rq.serializers import JSONSerializer
 
 from backend import records
-from backend.queue import JobQueue, connect
+from backend.queue import JobQueue, _started, connect
 from schemas import keys
 from schemas.jobs import RUN_STAGE, STAGES
 from schemas.mesh import Problem
@@ -181,7 +181,7 @@ def test_a_job_in_a_workers_hands_is_left_alone(store, queue):
     queue.reconcile()
     assert waiting(queue) == []
     queue.redis.delete(queue.queue.intermediate_queue_key)
-    queue.redis.zadd(queue._started().key, {f"{mesh_id}-load:execution": 1e12})
+    queue.redis.zadd(_started(queue.queue).key, {f"{mesh_id}-load:execution": 1e12})
     queue.reconcile()
     assert waiting(queue) == []
 
@@ -255,7 +255,7 @@ def begin(queue, mesh_id, stage):
     job = fetch(queue, mesh_id, stage)
     job.set_status(JobStatus.STARTED)
     queue.redis.lrem(queue.queue.intermediate_queue_key, 0, job.id)
-    queue.redis.zadd(queue._started().key, {f"{job.id}:execution": time.time() + 10})
+    queue.redis.zadd(_started(queue.queue).key, {f"{job.id}:execution": time.time() + 10})
 
 
 def test_the_owner_of_dead_workers_starts_their_jobs_again_at_the_cost_of_an_attempt(store, queue):

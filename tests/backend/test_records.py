@@ -66,7 +66,7 @@ def test_the_manifest_is_written_once(store):
         assert records.write_manifest(store, ready)
         assert not records.write_manifest(store, ready.model_copy(update={"status": "failed"}))
     assert records.read_manifest(store, mesh_id) == ready
-    assert list(records.unfinished(store)) == []
+    assert list(records.manifests(store)) == [(mesh_id, store.version(keys.manifest(mesh_id)))]
 
 
 def test_unknown_meshes_have_no_records(store):

@@ -250,3 +250,15 @@ def test_old_temporary_files_are_swept_and_young_ones_stay(store):
     assert store.sweep_temporary(3600) == 1
     assert files_under(store.root) == [".tmp/young"]
     assert list(store.list()) == []
+
+
+def test_version_changes_with_every_writing_and_is_none_without_an_object(store):
+    assert store.version("a/b") is None
+    seen = set()
+    for _ in range(3):
+        store.put_bytes("a/b", b"the same")
+        assert store.version("a/b") == store.version("a/b")
+        seen.add(store.version("a/b"))
+    assert len(seen) == 3
+    store.delete("a/b")
+    assert store.version("a/b") is None

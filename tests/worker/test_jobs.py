@@ -12,7 +12,7 @@ from rq.timeouts import JobTimeoutException
 
 from backend import records
 from backend.artifacts import open_artifact
-from backend.queue import JobQueue, StageQueue
+from backend.queue import JobQueue, StageQueue, _started_entries
 from backend.settings import BackendSettings
 from backend.store import Store
 from schemas import artifacts, keys
@@ -431,7 +431,7 @@ def test_a_killed_queue_server_loses_no_accepted_mesh(tmp_path, with_its_data):
                 queue.redis.flushall()
             os.kill(backend.pids()["valkey"], signal.SIGKILL)
         assert {finished(queue, mesh_id).status for mesh_id in meshes} == {"ready"}
-        assert sum(1 for _ in records.unfinished(queue.store)) == 0
+        assert all(version for _, version in records.manifests(queue.store))
     finally:
         backend.stop()
 
@@ -455,7 +455,7 @@ def test_deleting_during_a_stage_leaves_nothing(running, stage):
     queue.advance(mesh_id)
     wait_for(lambda: stage in queue.progress.read(mesh_id))
     assert queue.cancel(mesh_id)
-    wait_for(lambda: not queue._started_entries())
+    wait_for(lambda: not any(map(_started_entries, (queue.queue, queue.later))))
     assert set(queue.store.list()) == before
     assert list((queue.store.root / ".tmp").iterdir()) == []
     assert left_of(queue, mesh_id) == []

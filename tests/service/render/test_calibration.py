@@ -35,7 +35,7 @@ def test_the_hull_of_a_calibration_sphere_holds_it():
 def test_calibration_finds_a_cost_for_every_kind_of_pass(gpu):
     def submit(asset, request):
         done = Future()
-        done.set_result(render_frame(gpu, asset, request, wait_each=True))
+        done.set_result(render_frame(gpu, asset, request, true_times=True))
         return done
 
     found = calibrate(submit)

@@ -342,7 +342,7 @@ def test_waiting_for_each_pass_changes_nothing_but_the_times(gpu):
 
     request = RenderRequest(width=64, height=64)
     fast = frames.render_frame(gpu, clippable("knot"), request)
-    waited = frames.render_frame(gpu, clippable("knot"), request, wait_each=True)
+    waited = frames.render_frame(gpu, clippable("knot"), request, true_times=True)
     assert np.array_equal(fast.pixels, waited.pixels)
     assert fast.plan == waited.plan
     assert [name for name, _ in fast.passes] == list(fast.plan)
