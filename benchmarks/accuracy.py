@@ -18,7 +18,7 @@ from benchmarks.frame import prepare
 from benchmarks.models import mesh_file
 from benchmarks.report import mesh_parser, report
 from schemas.conventions import Array
-from schemas.ladder import SAMPLES, VIEWS, MeasuredRung
+from schemas.ladder import SAMPLES, VIEWS, Ladder, MeasuredRung
 from schemas.mesh import PreprocessOptions
 from schemas.render import Accuracy, Antialias, AnyCamera, RenderRequest, Shading, ShadingMode, Source
 from service.assets import MeshAsset
@@ -50,8 +50,17 @@ def run(mesh: str, size: int, views: int, samples: int = MSAA_SAMPLES, stencil_v
 
 def measured(gpu: Gpu, asset: MeshAsset, size: int, views: int) -> dict[str, Any]:
     """The rungs of an asset in pictures of one size."""
+    return as_result(gpu, ladder_of(gpu, asset, size, views), size, views)
+
+
+def ladder_of(gpu: Gpu, asset: MeshAsset, size: int, views: int) -> Ladder:
+    """The ladder of an asset in pictures of one size."""
     todo = steps(views, (size,))
-    ladder = put_together(asset, gpu.costs.device, [measure_step(gpu, asset, step, views, first=step == todo[0]) for step in todo], views)
+    return put_together(asset, gpu.costs.device, [measure_step(gpu, asset, step, views, first=step == todo[0]) for step in todo], views)
+
+
+def as_result(gpu: Gpu, ladder: Ladder, size: int, views: int) -> dict[str, Any]:
+    """A ladder of one size, flat."""
     return {
         "device": ladder.device,
         "size": size,

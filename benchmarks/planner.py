@@ -144,13 +144,11 @@ def with_rung(asset: MeshAsset, request: RenderRequest, number: int) -> RenderRe
 def allowed(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View) -> list[tuple[int, Choice]]:
     """Rungs that the planner may choose from for a request, each as it would be drawn."""
     terms = ViewTerms(view.width * view.height, view.width * view.height)
-    default = choose(Accuracy(), asset, view, terms, gpu.costs).rung
     free = request.accuracy.budget_ms is not None
+    least = [choose(Accuracy(hull_faces=hull.faces), asset, view, terms, gpu.costs).rung.halvings for hull in asset.rungs.hulls]
     found = []
     for number, rung in enumerate(asset.rungs.rungs):
-        if rung.hull is not None and (
-            rung.halvings < default.halvings or (not free and (rung.hull, rung.halvings) != (0, default.halvings))
-        ):
+        if rung.hull is not None and (rung.halvings < least[rung.hull] or (not free and (rung.hull, rung.halvings) != (0, least[0]))):
             continue
         found.append((number, choose(explicit(asset.rungs, number), asset, view, terms, gpu.costs)))
     return found
