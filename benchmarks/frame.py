@@ -17,6 +17,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +37,10 @@ from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
 from worker.bake import bake_maps, hull_normals
 from worker.hull import Hull, build_hull
-from worker.hulls import build_other_hull, other_sizes
+from worker.hulls import HullSource, other_hulls
 from worker.levels import build_levels
 from worker.load import LoadedMesh, load_mesh
-from worker.stages import map_tensors
+from worker.stages import sequence_of
 from worker.tree import build_tree
 
 RUNGS = {
@@ -73,7 +74,7 @@ def prepare(path: Path, options: PreprocessOptions, *, every_rung: bool = False)
     maps = bake_maps(hull.positions, hull.faces, normals, *original, options.texels, silent, corner_normals=rows)
     tree = build_tree(mesh.positions, mesh.faces, edges.vertices, edges.faces, silent)
     tensors = {"positions": mesh.positions, "faces": mesh.faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
-    return MeshAsset(
+    asset = MeshAsset(
         id=path.name,
         frame=mesh.frame,
         positions=mesh.positions,
@@ -82,14 +83,14 @@ def prepare(path: Path, options: PreprocessOptions, *, every_rung: bool = False)
         appearance=mesh.appearance,
         edges=(edges.vertices, edges.faces),
         hull={"positions": hull.positions, "faces": hull.faces, "normals": normals},
-        maps=map_tensors(maps),
+        maps=maps.tensors(),
         tree=SilhouetteTree(tensors, tree.tensors()),
         clip=mesh.clip,
         normal_vertices=shading.get("normal_vertices"),
         corner_normals=rows,
         levels=_levels(mesh, hull) if every_rung else (),
-        other_hulls=_other_hulls(mesh, hull, options) if every_rung else (),
     )
+    return replace(asset, other_hulls=_other_hulls(asset, hull, options.texels)) if every_rung else asset
 
 
 def _levels(mesh: LoadedMesh, hull: Hull) -> tuple[SilhouetteLevel, ...]:
@@ -98,11 +99,15 @@ def _levels(mesh: LoadedMesh, hull: Hull) -> tuple[SilhouetteLevel, ...]:
     return tuple(SilhouetteLevel(level.tensors(), level.tree.tensors()) for level in made)
 
 
-def _other_hulls(mesh: LoadedMesh, hull: Hull, options: PreprocessOptions) -> tuple[DrawnHull, ...]:
-    tensors = {"positions": mesh.positions, "faces": mesh.faces} | mesh.shading.tensors()
-    steps, sizes = (hull.step_vertices, hull.step_positions), other_sizes(len(mesh.faces), len(hull.faces))
-    made = [build_other_hull(tensors, mesh.appearance, steps, size, options.texels, silent) for size in sizes]
-    return tuple(DrawnHull(one.tensors(), map_tensors(one.maps)) for one in made if one is not None)
+def _other_hulls(asset: MeshAsset, hull: Hull, texels: int) -> tuple[DrawnHull, ...]:
+    assert asset.edges is not None
+    assert asset.hull is not None
+    mesh = {"positions": asset.positions, "faces": asset.faces, "normals": asset.normals}
+    mesh |= {"edge_vertices": asset.edges[0], "edge_faces": asset.edges[1]}
+    if asset.corner_normals is not None:
+        mesh |= {"normal_vertices": asset.normal_vertices, "corner_normals": asset.corner_normals}
+    made, _ = other_hulls(HullSource(mesh, asset.hull, sequence_of(hull), asset.appearance, texels), silent)
+    return tuple(DrawnHull(one.hull, one.maps) for one in made if one is not None)
 
 
 def request(view: int, views: int, side: int, rung: tuple[Source, Antialias], mode: ShadingMode = ShadingMode.LAMBERT) -> RenderRequest:
