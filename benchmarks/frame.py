@@ -17,7 +17,6 @@ from __future__ import annotations
 import statistics
 import time
 from collections import defaultdict
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +39,6 @@ from worker.hull import Hull, build_hull
 from worker.hulls import HullSource, other_hulls
 from worker.levels import build_levels
 from worker.load import LoadedMesh, load_mesh
-from worker.stages import sequence_of
 from worker.tree import build_tree
 
 RUNGS = {
@@ -74,7 +72,7 @@ def prepare(path: Path, options: PreprocessOptions, *, every_rung: bool = False)
     maps = bake_maps(hull.positions, hull.faces, normals, *original, options.texels, silent, corner_normals=rows)
     tree = build_tree(mesh.positions, mesh.faces, edges.vertices, edges.faces, silent)
     tensors = {"positions": mesh.positions, "faces": mesh.faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
-    asset = MeshAsset(
+    return MeshAsset(
         id=path.name,
         frame=mesh.frame,
         positions=mesh.positions,
@@ -83,14 +81,14 @@ def prepare(path: Path, options: PreprocessOptions, *, every_rung: bool = False)
         appearance=mesh.appearance,
         edges=(edges.vertices, edges.faces),
         hull={"positions": hull.positions, "faces": hull.faces, "normals": normals},
-        maps=maps.tensors(),
+        maps={"tile_uv": maps.tile_uv, "normal": maps.normal} | ({} if maps.color is None else {"color": maps.color}),
         tree=SilhouetteTree(tensors, tree.tensors()),
         clip=mesh.clip,
         normal_vertices=shading.get("normal_vertices"),
         corner_normals=rows,
         levels=_levels(mesh, hull) if every_rung else (),
+        other_hulls=_other_hulls(mesh, hull, options) if every_rung else (),
     )
-    return replace(asset, other_hulls=_other_hulls(asset, hull, options.texels)) if every_rung else asset
 
 
 def _levels(mesh: LoadedMesh, hull: Hull) -> tuple[SilhouetteLevel, ...]:
@@ -99,14 +97,11 @@ def _levels(mesh: LoadedMesh, hull: Hull) -> tuple[SilhouetteLevel, ...]:
     return tuple(SilhouetteLevel(level.tensors(), level.tree.tensors()) for level in made)
 
 
-def _other_hulls(asset: MeshAsset, hull: Hull, texels: int) -> tuple[DrawnHull, ...]:
-    assert asset.edges is not None
-    assert asset.hull is not None
-    mesh = {"positions": asset.positions, "faces": asset.faces, "normals": asset.normals}
-    mesh |= {"edge_vertices": asset.edges[0], "edge_faces": asset.edges[1]}
-    if asset.corner_normals is not None:
-        mesh |= {"normal_vertices": asset.normal_vertices, "corner_normals": asset.corner_normals}
-    made, _ = other_hulls(HullSource(mesh, asset.hull, sequence_of(hull), asset.appearance, texels), silent)
+def _other_hulls(mesh: LoadedMesh, hull: Hull, options: PreprocessOptions) -> tuple[DrawnHull, ...]:
+    tensors = {"positions": mesh.positions, "faces": mesh.faces} | mesh.shading.tensors()
+    drawn = {"positions": hull.positions, "faces": hull.faces, "normals": hull_normals(hull.positions, hull.faces)}
+    sequence = {"step_vertices": hull.step_vertices, "step_positions": hull.step_positions}
+    made, _ = other_hulls(HullSource(tensors, drawn, sequence, mesh.appearance, options.texels), silent)
     return tuple(DrawnHull(one.hull, one.maps) for one in made if one is not None)
 
 

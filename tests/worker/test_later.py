@@ -20,6 +20,13 @@ from tests.worker.test_jobs import SMALL, files_of, left_of, opened_box, ply, wa
 from worker import jobs as stage_jobs
 from worker.process import LOWEST_PRIORITY, StageWorker
 from worker.settings import WorkerSettings
+from worker.warm import warm_kernels
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Kernels that the forked workers then have from this process: compiling them is not what these tests wait for."""
+    warm_kernels()
 
 
 @pytest.fixture
