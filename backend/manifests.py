@@ -13,6 +13,9 @@ from schemas.jobs import STAGES
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability, HullInfo, MeshStats, Problem
 
+NOT_ENDED = "preprocessing has not ended; the original is drawn until then"
+"""Why a mesh that will be clipped is not yet."""
+
 LEVEL_STAGES = ("levels", "inner")
 """Stages that measure hulls of several sizes; each is the name of a capability, too."""
 
@@ -38,6 +41,25 @@ def build_manifest(mesh_id: str, records: Mapping[str, StageRecord | None]) -> M
         stages=ended,
         error=failed.error if failed else None,
         finished=datetime.now(UTC),
+    )
+
+
+def loaded_manifest(mesh_id: str, load: StageRecord) -> Manifest:
+    """What can be drawn of a mesh whose stage load is done and whose preprocessing goes on: the original.
+
+    Raises CorruptArtifactError when the report of load cannot be read.
+    """
+    report, capabilities = load.report, _capabilities([load])
+    if "clip" in capabilities and capabilities["clip"].available:
+        capabilities["clip"] = Capability(available=False, reason=NOT_ENDED)
+    return Manifest(
+        id=mesh_id,
+        status="loaded",
+        frame=_model(FrameRecord, report.get("frame")),
+        stats=_model(MeshStats, report.get("stats")),
+        capabilities=capabilities,
+        repairs=report.get("repairs"),
+        stages=[load],
     )
 
 

@@ -90,7 +90,7 @@ def _open(settings: ServiceSettings) -> Services:
         settings=settings,
         store=queue.store,
         queue=queue,
-        meshes=Meshes(queue.store, queue.progress),
+        meshes=Meshes(queue.store, queue.progress, measure=settings.measure),
         assets=AssetCache(queue.store, settings.asset_cache_mib),
         renderer=renderer,
         cpu=Slots(max(2, os.cpu_count() or 1), CPU_DEPTH, "cpu"),

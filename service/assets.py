@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from backend.artifacts import open_artifact
 from backend.store import Store
@@ -17,6 +19,7 @@ from geometry.topology import EdgeTable, build_edges
 from schemas import artifacts, keys
 from schemas.conventions import F4, F8, I4, Array, Frame
 from schemas.errors import NotReadyError
+from schemas.jobs import LATER_STAGES
 from schemas.ladder import Ladder
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
@@ -24,8 +27,16 @@ from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
 from service.silhouette.smooth import SmoothSurface
 
+log = logging.getLogger("silhouette.service")
+
 CLIP, LEVELS = "clip", "levels"
 """Names of capabilities in the manifest."""
+
+READY = "ready"
+"""Status of a manifest whose mesh has all that `STAGES` make."""
+
+Tensors = Callable[[artifacts.Layout], dict[str, Any] | None]
+"""Opens an artifact; None for one that the mesh does not have."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +79,11 @@ class DrawnHull:
 
 @dataclass(frozen=True)
 class MeshAsset:
-    """A mesh that is ready, in its normalised frame. The dictionaries hold the tensors of `schemas.artifacts` by name.
+    """A mesh that can be drawn, in its normalised frame. The dictionaries hold the tensors of `schemas.artifacts` by name.
 
     positions (v, 3) f4, faces (f, 3) i4, normals (n, 3) f4. appearance: APPEARANCE, or None when the mesh has no colour.
     edges: (edge_vertices, edge_faces) of a closed oriented mesh. hull: HULL, maps: MAPS, tree: its silhouette tree; all None
-    when the mesh is not clippable. clip: whether it is, and why not.
+    when the mesh is not clippable, or not yet. clip: whether it is, and why not.
     normal_vertices (n,) i4, corner_normals (f, 3) i4: as in MESH; None when vertex i has the one normal i.
     levels: hulls that may stand for it in far views, finest first. other_hulls: that can be drawn, of other sizes than was asked for.
     ladder: what was measured of it, if anything.
@@ -176,15 +187,17 @@ class MeshAsset:
         return sum(int(a.nbytes) for a in arrays) + parts
 
 
+def state_of(manifest: Manifest) -> str:
+    """What an asset is made from: how far its mesh is, and which later stages are done. Pictures may differ between states."""
+    later = [record.stage for record in manifest.stages if record.stage in LATER_STAGES and record.outcome == "done"]
+    return "+".join([manifest.status, *later])
+
+
 def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
-    """Map the artifacts of a ready mesh. Raises NotReadyError when it is not, CorruptArtifactError."""
-    if manifest.status != "ready" or manifest.frame is None:
+    """Map the artifacts that there are of a ready or loaded mesh. Raises NotReadyError when it is neither, CorruptArtifactError."""
+    if manifest.status == "failed" or manifest.frame is None:
         raise NotReadyError("the mesh is not ready")
-    present = {name for stage in manifest.stages for name in stage.artifacts}
-
-    def tensors(layout: artifacts.Layout) -> dict[str, Any] | None:
-        return open_artifact(store.local_path(keys.artifact(manifest.id, layout.file)), layout) if layout.file in present else None
-
+    tensors = _mapper(store, manifest)
     mesh = tensors(artifacts.MESH)
     if mesh is None:
         raise NotReadyError("the mesh has no geometry yet")
@@ -205,10 +218,38 @@ def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
         normal_vertices=mesh.get("normal_vertices"),
         corner_normals=mesh.get("corner_normals"),
         levels=_levels(manifest, tensors),
+        other_hulls=_other_hulls(tensors),
+        ladder=_ladder(manifest),
     )
 
 
-def _levels(manifest: Manifest, tensors: Callable[[artifacts.Layout], dict[str, Any] | None]) -> tuple[SilhouetteLevel, ...]:
+def _mapper(store: Store, manifest: Manifest) -> Tensors:
+    """Opens artifacts of a mesh; None for one that it does not have."""
+    present = {name for stage in manifest.stages for name in stage.artifacts}
+
+    def tensors(layout: artifacts.Layout) -> dict[str, Any] | None:
+        return open_artifact(store.local_path(keys.artifact(manifest.id, layout.file)), layout) if layout.file in present else None
+
+    return tensors
+
+
+def _other_hulls(tensors: Tensors) -> tuple[DrawnHull, ...]:
+    """Those that the stage hulls made, the coarser first."""
+    found = ((tensors(place), tensors(maps)) for place, maps in zip(artifacts.OTHER_HULLS, artifacts.OTHER_MAPS, strict=True))
+    return tuple(DrawnHull(hull, maps) for hull, maps in found if hull is not None and maps is not None)
+
+
+def _ladder(manifest: Manifest) -> Ladder | None:
+    """What the stage measure found; None when it has not, or when another version did, whose report cannot be read."""
+    record = next((record for record in manifest.stages if record.stage == "measure" and record.outcome == "done"), None)
+    try:
+        return None if record is None else Ladder.model_validate(record.report)
+    except ValidationError:
+        log.warning("a measured ladder cannot be read", extra={"mesh": manifest.id}, exc_info=True)
+        return None
+
+
+def _levels(manifest: Manifest, tensors: Tensors) -> tuple[SilhouetteLevel, ...]:
     """Those that passed their checks."""
     if LEVELS not in manifest.capabilities or not manifest.capabilities[LEVELS].available:
         return ()
@@ -217,24 +258,33 @@ def _levels(manifest: Manifest, tensors: Callable[[artifacts.Layout], dict[str, 
 
 
 class AssetCache:
-    """Assets in use, least recently used first to go when they are more than `capacity_mib` together. Thread-safe."""
+    """Assets in use, least recently used first to go when they are more than `capacity_mib` together. Thread-safe.
+
+    Of a mesh there is one, that of the latest state it was asked for in.
+    """
 
     def __init__(self, store: Store, capacity_mib: int) -> None:
         self._store, self._capacity = store, capacity_mib << 20
-        self._kept: OrderedDict[str, MeshAsset] = OrderedDict()
+        self._kept: OrderedDict[str, tuple[str, MeshAsset]] = OrderedDict()
         self._lock = threading.Lock()
 
     def get(self, manifest: Manifest) -> MeshAsset:
-        """The asset of a ready mesh. Raises NotReadyError, CorruptArtifactError."""
+        """The asset of a ready or loaded mesh. Raises NotReadyError, CorruptArtifactError."""
+        state = state_of(manifest)
         with self._lock:
-            kept = self._kept.get(manifest.id)
-            if kept is not None:
+            earlier, kept = self._kept.get(manifest.id, (None, None))
+            if kept is not None and earlier == state:
                 self._kept.move_to_end(manifest.id)
                 return kept
-        asset = load_asset(self._store, manifest)
+        if kept is not None and earlier is not None and earlier.startswith(READY) and manifest.status == READY:
+            tensors = _mapper(self._store, manifest)  # the rest is the same: its trees are packed and its files mapped
+            asset = replace(kept, other_hulls=_other_hulls(tensors), ladder=_ladder(manifest))
+        else:
+            asset = load_asset(self._store, manifest)
         with self._lock:
-            self._kept[asset.id] = asset
-            while len(self._kept) > 1 and sum(a.nbytes for a in self._kept.values()) > self._capacity:
+            self._kept[asset.id] = state, asset
+            self._kept.move_to_end(asset.id)
+            while len(self._kept) > 1 and sum(a.nbytes for _, a in self._kept.values()) > self._capacity:
                 self._kept.popitem(last=False)
         return asset
 

@@ -3,44 +3,69 @@
 from __future__ import annotations
 
 import heapq
+import threading
+from collections import OrderedDict
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
 from backend import records
+from backend.manifests import loaded_manifest
 from backend.progress import Progress
 from backend.store import Store
+from schemas import keys
 from schemas.artifacts import COLOR_PNG, HULL_GLB, NORMAL_PNG
 from schemas.errors import InvalidRequestError, NotFoundError, NotReadyError
-from schemas.jobs import STAGES
+from schemas.jobs import LATER_STAGES, STAGES
 from schemas.keys import MESH_ID, MESHES
 from schemas.manifest import Accepted, Manifest, StageRecord
 from schemas.mesh import BoundingSphere, MeshInfo, MeshPage, MeshStatus, Problem, Stage, StageStatus
 from service.errors import FailedMeshError
 
 NO_SUCH_MESH = "There is no such mesh; it may have been deleted."
+NOT_READY = "The mesh is accepted, but its preprocessing has not ended."
+KEPT = 256
+"""Manifests in memory: with what was measured one takes some hundred KiB."""
+
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class Meshes:
-    """Reads meshes. Acceptance records never change, so they are kept; all calls do file or Redis I/O and block."""
+    """Reads meshes; all calls do file or Redis I/O and block. Thread-safe.
 
-    def __init__(self, store: Store, progress: Progress) -> None:
+    Acceptance records never change, so they are kept; so are the manifests of meshes that no stage is to be run for any more, as long
+    as their files are the same. `measure`: whether ready meshes go through the later stages here.
+    """
+
+    def __init__(self, store: Store, progress: Progress, *, measure: bool) -> None:
         self._store = store
         self._progress = progress
+        self._measure = measure
         self._accepted: dict[str, Accepted] = {}
+        self._settled: OrderedDict[str, tuple[str, Manifest]] = OrderedDict()
+        self._lock = threading.Lock()
 
     def info(self, mesh_id: str) -> MeshInfo:
         """Everything about a mesh. Raises NotFoundError."""
         accepted = self._read_accepted(mesh_id)
-        manifest = records.read_manifest(self._store, mesh_id)
-        return _ended(accepted, manifest) if manifest else self._in_work(accepted)
+        manifest = self._current(mesh_id)
+        return self._in_work(accepted, manifest) if manifest is None or manifest.status == "loaded" else self._ended(accepted, manifest)
 
     def manifest(self, mesh_id: str) -> Manifest:
-        """The manifest of a mesh that is ready. Raises NotFoundError, NotReadyError, FailedMeshError."""
+        """The manifest of a mesh that is ready, as `drawable`. Raises NotFoundError, NotReadyError, FailedMeshError."""
+        manifest = self.drawable(mesh_id)
+        if manifest.status != "ready":
+            raise NotReadyError(NOT_READY, mesh=mesh_id)
+        return manifest
+
+    def drawable(self, mesh_id: str) -> Manifest:
+        """What can be drawn of a mesh: its manifest, with the later stages that have ended, or before that what load found.
+
+        Raises NotFoundError, NotReadyError, FailedMeshError.
+        """
         self._read_accepted(mesh_id)
-        manifest = records.read_manifest(self._store, mesh_id)
+        manifest = self._current(mesh_id)
         if manifest is None:
-            raise NotReadyError("The mesh is accepted, but its preprocessing has not ended.", mesh=mesh_id)
+            raise NotReadyError(NOT_READY, mesh=mesh_id)
         if manifest.status == "failed":
             raise FailedMeshError(
                 manifest.error or Problem(title="Preprocessing failed", status=422, detail="The mesh could not be processed.")
@@ -59,6 +84,38 @@ class Meshes:
     def forget(self, mesh_id: str) -> None:
         """Drop what is kept of a mesh that is being deleted."""
         self._accepted.pop(mesh_id, None)
+        with self._lock:
+            self._settled.pop(mesh_id, None)
+
+    def _current(self, mesh_id: str) -> Manifest | None:
+        """How far a mesh is, failed ones included; None while it is not even loaded."""
+        version = self._store.version(keys.manifest(mesh_id))
+        if version is None:
+            load = records.read_stage(self._store, mesh_id, "load")
+            return loaded_manifest(mesh_id, load) if load is not None and load.outcome == "done" else None
+        with self._lock:
+            kept_version, kept = self._settled.get(mesh_id, (None, None))
+            if kept is not None and kept_version == version:
+                self._settled.move_to_end(mesh_id)
+                return kept
+        # before they are read: what lands meanwhile is seen the next time
+        settled = not self._measure or all(self._store.exists(keys.stage_record(mesh_id, stage)) for stage in LATER_STAGES)
+        manifest = records.read_manifest(self._store, mesh_id)
+        if manifest is None:  # deleted meanwhile
+            return None
+        if manifest.status == "ready":
+            later = [record for stage in LATER_STAGES if (record := records.read_stage(self._store, mesh_id, stage))]
+            manifest = manifest.model_copy(update={"stages": [*manifest.stages, *later]})
+        if settled or manifest.status == "failed":
+            self._keep(mesh_id, version, manifest)
+        return manifest
+
+    def _keep(self, mesh_id: str, version: str, manifest: Manifest) -> None:
+        with self._lock:
+            self._settled[mesh_id] = version, manifest
+            self._settled.move_to_end(mesh_id)
+            while len(self._settled) > KEPT:
+                self._settled.popitem(last=False)
 
     def _all(self) -> Iterator[Accepted]:
         for mesh_id in self._store.children(MESHES):
@@ -82,34 +139,37 @@ class Meshes:
         except NotFoundError:
             raise NotFoundError(NO_SUCH_MESH) from None
 
-    def _in_work(self, accepted: Accepted) -> MeshInfo:
+    def _in_work(self, accepted: Accepted, loaded: Manifest | None) -> MeshInfo:
         running = self._progress.read(accepted.id)
         ended = {stage: records.read_stage(self._store, accepted.id, stage) for stage in STAGES}
         stages = [_stage(name, ended[name], running.get(name)) for name in STAGES]
         started = any(stage.status is not StageStatus.QUEUED for stage in stages)
-        status = MeshStatus.PROCESSING if started else MeshStatus.QUEUED
-        return MeshInfo(
-            id=accepted.id, name=accepted.name, status=status, stages=stages, links=_links(accepted.id, None), created=accepted.created
-        )
+        later = [Stage(name=name) for name in LATER_STAGES if self._measure]
+        return _info(accepted, MeshStatus.PROCESSING if started else MeshStatus.QUEUED, [*stages, *later], loaded)
+
+    def _ended(self, accepted: Accepted, manifest: Manifest) -> MeshInfo:
+        by_name = {record.stage: record for record in manifest.stages}
+        stages = [_stage(name, by_name[name], None) if name in by_name else Stage(name=name, status=StageStatus.SKIPPED) for name in STAGES]
+        if manifest.status == "ready":
+            unended = self._measure and not by_name.keys() >= LATER_STAGES.keys()
+            running = self._progress.read(accepted.id) if unended else {}
+            later = LATER_STAGES if self._measure else [name for name in LATER_STAGES if name in by_name]
+            stages += [_stage(name, by_name.get(name), running.get(name)) for name in later]
+        return _info(accepted, MeshStatus(manifest.status), stages, manifest)
 
 
-def _ended(accepted: Accepted, manifest: Manifest) -> MeshInfo:
-    by_name = {record.stage: record for record in manifest.stages}
+def _info(accepted: Accepted, status: MeshStatus, stages: list[Stage], manifest: Manifest | None) -> MeshInfo:
+    known = {} if manifest is None else {name: getattr(manifest, name) for name in ("stats", "capabilities", "hull", "repairs", "error")}
+    frame = None if manifest is None else manifest.frame
     return MeshInfo(
         id=accepted.id,
         name=accepted.name,
-        status=MeshStatus(manifest.status),
-        stages=[
-            _stage(name, by_name.get(name), None) if name in by_name else Stage(name=name, status=StageStatus.SKIPPED) for name in STAGES
-        ],
-        stats=manifest.stats,
-        sphere=BoundingSphere(centre=manifest.frame.centre, radius=manifest.frame.scale) if manifest.frame else None,
-        capabilities=manifest.capabilities,
-        hull=manifest.hull,
-        repairs=manifest.repairs,
-        error=manifest.error,
+        status=status,
+        stages=stages,
+        sphere=BoundingSphere(centre=frame.centre, radius=frame.scale) if frame else None,
         links=_links(accepted.id, manifest),
         created=accepted.created,
+        **known,
     )
 
 
@@ -122,10 +182,10 @@ def _stage(name: str, record: StageRecord | None, running: float | None) -> Stag
 
 
 def _links(mesh_id: str, manifest: Manifest | None) -> dict[str, str]:
-    """Addresses of what there is: pictures only of a mesh that is ready, downloads only those that were made."""
+    """Addresses of what there is: pictures as soon as the mesh is loaded, downloads only those that were made."""
     base = f"/v1/meshes/{mesh_id}"
     links = {"self": base, "events": f"{base}/events"}
-    if manifest is None or manifest.status != "ready":
+    if manifest is None or manifest.status == "failed":
         return links
     links |= {"render": f"{base}/render.png", "thumbnail": f"{base}/thumbnail.png"}
     if (clip := manifest.capabilities.get("clip")) is not None and clip.available:

@@ -10,12 +10,13 @@ from fastapi import APIRouter, Request, Response
 from schemas.errors import SilhouetteError
 from schemas.manifest import Manifest
 from schemas.scene import SceneRequest
+from service.assets import state_of
 from service.caching import REVALIDATE, entity_tag, not_modified
 from service.errors import located
 from service.negotiation import IMAGE_TYPES, image_format
 from service.render.encode import encode
 from service.routes.documented import image_answer, problems
-from service.routes.render import picture_headers
+from service.routes.render import check_drawable, picture_headers
 from service.scene.draw import drawing_of
 from service.scene.plan import ScenePlan, plan_scene
 from service.state import Parts, Services
@@ -35,7 +36,7 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
     encoding = body.format or image_format(request.headers.get("accept"))
     wanted = body.model_copy(update={"format": encoding})
     manifests = await to_thread.run_sync(_manifests, parts, wanted)
-    tag = entity_tag("scene", wanted.model_dump_json())
+    tag = entity_tag("scene", *map(state_of, manifests), wanted.model_dump_json())
     if answer := not_modified(request, tag, REVALIDATE):
         return answer
     limit_s = parts.settings.render_timeout_s
@@ -48,14 +49,20 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
 
 
 def _manifests(parts: Services, wanted: SceneRequest) -> list[Manifest]:
-    """The manifest of every object's mesh. What is wrong with one says whose it is."""
+    """What can be drawn of every object's mesh. What is wrong with one says whose it is."""
     found = []
     for index, item in enumerate(wanted.objects):
         try:
-            found.append(parts.meshes.manifest(item.mesh))
+            found.append(_drawable(parts, wanted, item.mesh))
         except SilhouetteError as error:
             raise located(error, f"objects[{index}].mesh") from error.__cause__
     return found
+
+
+def _drawable(parts: Services, wanted: SceneRequest, mesh_id: str) -> Manifest:
+    manifest = parts.meshes.drawable(mesh_id)
+    check_drawable(manifest, wanted.accuracy)
+    return manifest
 
 
 def _plan(parts: Services, wanted: SceneRequest, manifests: list[Manifest]) -> tuple[ScenePlan, float]:
