@@ -10,12 +10,14 @@ from pydantic import ValidationError
 
 from backend import records
 from backend.store import Store
-from schemas.errors import CorruptArtifactError, NotReadyError
+from schemas.errors import CorruptArtifactError
 from schemas.jobs import LATER_STAGES, STAGES
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability, HullInfo, MeshStats, Problem
 
-NOT_YET = "the preprocessing has not ended; the original is drawn until then"
+NOT_ENDED = "preprocessing has not ended; the original is drawn until then"
+"""Why a mesh that will be clipped is not yet."""
+
 LEVEL_STAGES = ("levels", "inner")
 """Stages that measure hulls of several sizes; each is the name of a capability, too."""
 
@@ -44,28 +46,29 @@ def build_manifest(mesh_id: str, records: Mapping[str, StageRecord | None]) -> M
     )
 
 
-def read_drawable(store: Store, mesh_id: str) -> Manifest:
-    """What there is to draw of a mesh: its manifest, with the records of later stages that are done; before it has one, a manifest of the
-    stage load alone, of status `loaded`.
+def loaded_manifest(mesh_id: str, load: StageRecord) -> Manifest:
+    """What can be drawn of a mesh whose stage load is done and whose preprocessing goes on: the original.
 
-    A failed mesh's manifest is returned as it is. Raises NotReadyError when nothing is loaded yet, CorruptArtifactError.
+    Raises CorruptArtifactError when the report of load cannot be read.
     """
-    manifest = records.read_manifest(store, mesh_id)
-    if manifest is None:
-        return _loaded(store, mesh_id)
-    if manifest.status == "failed":
-        return manifest
-    later = [record for stage in LATER_STAGES if (record := records.read_stage(store, mesh_id, stage)) and record.outcome == "done"]
-    return manifest.model_copy(update={"stages": [*manifest.stages, *later]}) if later else manifest
+    report, capabilities = load.report, _capabilities([load])
+    if "clip" in capabilities and capabilities["clip"].available:
+        capabilities["clip"] = Capability(available=False, reason=NOT_ENDED)
+    return Manifest(
+        id=mesh_id,
+        status="loaded",
+        frame=_model(FrameRecord, report.get("frame")),
+        stats=_model(MeshStats, report.get("stats")),
+        capabilities=capabilities,
+        repairs=report.get("repairs"),
+        stages=[load],
+    )
 
 
-def _loaded(store: Store, mesh_id: str) -> Manifest:
-    record = records.read_stage(store, mesh_id, "load")
-    if record is None or record.outcome != "done":
-        raise NotReadyError("The mesh is accepted, but it has not been read yet.", mesh=mesh_id)
-    manifest = build_manifest(mesh_id, {"load": record})
-    nothing = {name: Capability(available=False, reason=NOT_YET) for name in ("clip", *LEVEL_STAGES)}
-    return manifest.model_copy(update={"status": "loaded", "capabilities": nothing})
+def with_later_stages(store: Store, manifest: Manifest) -> Manifest:
+    """A ready mesh's manifest with the records of the later stages that have ended."""
+    later = [record for stage in LATER_STAGES if (record := records.read_stage(store, manifest.id, stage))]
+    return manifest.model_copy(update={"stages": [*manifest.stages, *later]})
 
 
 def failed_record(stage: str, seconds: float, error: Problem) -> StageRecord:

@@ -11,6 +11,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Ta
 from rich.text import Text
 
 from client.api import Client
+from schemas.jobs import STAGES
 from schemas.mesh import MeshInfo, Stage, StageStatus
 
 ENDED = {StageStatus.DONE: "green", StageStatus.SKIPPED: "dim", StageStatus.FAILED: "red"}
@@ -50,8 +51,8 @@ class MeshProgress:
         self._show("upload", sent / max(total, 1), f"{total / 2**20:.1f} MiB", sent == total)
 
     def mesh(self, info: MeshInfo) -> None:
-        """Stages of the mesh."""
-        for stage in info.stages:
+        """Stages until the mesh is ready; nobody waits for what comes later."""
+        for stage in (stage for stage in info.stages if stage.name in STAGES):
             ended = stage.status in ENDED
             self._show(stage.name, stage.progress, _said(stage), ended)
 

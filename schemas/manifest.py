@@ -42,8 +42,10 @@ class StageRecord(BaseModel):
 
 
 class Manifest(BaseModel):
-    """How the preprocessing of a mesh ended. Written once, last. `loaded` is never written: a mesh that can be drawn from the original
-    already, while its other stages are under way.
+    """How the preprocessing of a mesh ended. Written once, last.
+
+    What is known of a mesh before that has the same form, with the status loaded and without an end; that is never written. Nor are
+    records of later stages in `stages`, which are added when a ready mesh is read.
     """
 
     id: str
@@ -55,4 +57,4 @@ class Manifest(BaseModel):
     repairs: dict[str, Any] | None = None
     stages: list[StageRecord] = []
     error: Problem | None = None
-    finished: datetime
+    finished: datetime | None = None

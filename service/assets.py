@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +20,8 @@ from geometry.tile_layout import TileLayout
 from geometry.topology import EdgeTable, build_edges
 from schemas import artifacts, keys
 from schemas.conventions import F4, F8, I4, Array, Frame
-from schemas.errors import CorruptArtifactError, NotReadyError
+from schemas.errors import NotReadyError
+from schemas.jobs import LATER_STAGES
 from schemas.ladder import Ladder
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
@@ -28,10 +30,18 @@ from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
 from service.silhouette.smooth import SmoothSurface
 
+log = logging.getLogger("silhouette.service")
+
 CLIP, LEVELS = "clip", "levels"
 """Names of capabilities in the manifest."""
 LARGER = 0.9
 """Part of a hull's area that is in faces no larger than its typical larger one, whose texels are counted."""
+
+READY = "ready"
+"""Status of a manifest whose mesh has all that `STAGES` make."""
+
+Tensors = Callable[[artifacts.Layout], dict[str, Any] | None]
+"""Opens an artifact; None for one that the mesh does not have."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +95,11 @@ class DrawnHull:
 
 @dataclass(frozen=True)
 class MeshAsset:
-    """A mesh that is ready, in its normalised frame. The dictionaries hold the tensors of `schemas.artifacts` by name.
+    """A mesh that can be drawn, in its normalised frame. The dictionaries hold the tensors of `schemas.artifacts` by name.
 
     positions (v, 3) f4, faces (f, 3) i4, normals (n, 3) f4. appearance: APPEARANCE, or None when the mesh has no colour.
     edges: (edge_vertices, edge_faces) of a closed oriented mesh. hull: HULL, maps: MAPS, tree: its silhouette tree; all None
-    when the mesh is not clippable. clip: whether it is, and why not.
+    when the mesh is not clippable, or not yet. clip: whether it is, and why not.
     normal_vertices (n,) i4, corner_normals (f, 3) i4: as in MESH; None when vertex i has the one normal i.
     levels: hulls that may stand for it in far views, finest first. other_hulls: that can be drawn, of other sizes than was asked for.
     ladder: what was measured of it, if anything.
@@ -199,15 +209,17 @@ class MeshAsset:
         return sum(int(a.nbytes) for a in arrays) + parts
 
 
+def state_of(manifest: Manifest) -> str:
+    """What an asset is made from: how far its mesh is, and which later stages are done. Pictures may differ between states."""
+    later = [record.stage for record in manifest.stages if record.stage in LATER_STAGES and record.outcome == "done"]
+    return "+".join([manifest.status, *later])
+
+
 def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
-    """Map the artifacts of a mesh that is ready, or loaded: what there is of them. Raises NotReadyError, CorruptArtifactError."""
+    """Map the artifacts that there are of a ready or loaded mesh. Raises NotReadyError when it is neither, CorruptArtifactError."""
     if manifest.status == "failed" or manifest.frame is None:
         raise NotReadyError("the mesh is not ready")
-    present = {name for stage in manifest.stages for name in stage.artifacts}
-
-    def tensors(layout: artifacts.Layout) -> dict[str, Any] | None:
-        return open_artifact(store.local_path(keys.artifact(manifest.id, layout.file)), layout) if layout.file in present else None
-
+    tensors = _mapper(store, manifest)
     mesh = tensors(artifacts.MESH)
     if mesh is None:
         raise NotReadyError("the mesh has no geometry yet")
@@ -233,21 +245,33 @@ def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
     )
 
 
-def _other_hulls(tensors: Callable[[artifacts.Layout], dict[str, Any] | None]) -> tuple[DrawnHull, ...]:
-    found = ((tensors(hull), tensors(maps)) for hull, maps in zip(artifacts.OTHER_HULLS, artifacts.OTHER_MAPS, strict=True))
+def _mapper(store: Store, manifest: Manifest) -> Tensors:
+    """Opens artifacts of a mesh; None for one that it does not have."""
+    present = {name for stage in manifest.stages for name in stage.artifacts}
+
+    def tensors(layout: artifacts.Layout) -> dict[str, Any] | None:
+        return open_artifact(store.local_path(keys.artifact(manifest.id, layout.file)), layout) if layout.file in present else None
+
+    return tensors
+
+
+def _other_hulls(tensors: Tensors) -> tuple[DrawnHull, ...]:
+    """Those that the stage hulls made, the coarser first."""
+    found = ((tensors(place), tensors(maps)) for place, maps in zip(artifacts.OTHER_HULLS, artifacts.OTHER_MAPS, strict=True))
     return tuple(DrawnHull(hull, maps) for hull, maps in found if hull is not None and maps is not None)
 
 
 def _ladder(manifest: Manifest) -> Ladder | None:
-    """What the stage `measure` found, if it is done and of this program's form."""
+    """What the stage measure found; None when it has not, or when another version did, whose report cannot be read."""
     record = next((record for record in manifest.stages if record.stage == "measure" and record.outcome == "done"), None)
     try:
         return None if record is None else Ladder.model_validate(record.report)
-    except ValidationError as error:
-        raise CorruptArtifactError("the record of the measured ladder is damaged", stage="measure") from error
+    except ValidationError:
+        log.warning("a measured ladder cannot be read", extra={"mesh": manifest.id}, exc_info=True)
+        return None
 
 
-def _levels(manifest: Manifest, tensors: Callable[[artifacts.Layout], dict[str, Any] | None]) -> tuple[SilhouetteLevel, ...]:
+def _levels(manifest: Manifest, tensors: Tensors) -> tuple[SilhouetteLevel, ...]:
     """Those that passed their checks."""
     if LEVELS not in manifest.capabilities or not manifest.capabilities[LEVELS].available:
         return ()
@@ -255,13 +279,11 @@ def _levels(manifest: Manifest, tensors: Callable[[artifacts.Layout], dict[str, 
     return tuple(SilhouetteLevel(mesh, tree) for mesh, tree in found if mesh is not None and tree is not None)
 
 
-def state_of(manifest: Manifest) -> str:
-    """What a mesh's pictures are made from: the same words, the same artifacts."""
-    return f"{manifest.status} {' '.join(record.stage for record in manifest.stages)}"
-
-
 class AssetCache:
-    """Assets in use, least recently used first to go when they are more than `capacity_mib` together. Thread-safe."""
+    """Assets in use, least recently used first to go when they are more than `capacity_mib` together. Thread-safe.
+
+    Of a mesh there is one, that of the latest state it was asked for in.
+    """
 
     def __init__(self, store: Store, capacity_mib: int) -> None:
         self._store, self._capacity = store, capacity_mib << 20
@@ -269,19 +291,21 @@ class AssetCache:
         self._lock = threading.Lock()
 
     def get(self, manifest: Manifest) -> MeshAsset:
-        """The asset of a mesh, from the stages that are done: when more are, another takes its place.
-
-        Raises NotReadyError, CorruptArtifactError.
-        """
+        """The asset of a ready or loaded mesh. Raises NotReadyError, CorruptArtifactError."""
         state = state_of(manifest)
         with self._lock:
-            kept = self._kept.get(manifest.id)
-            if kept is not None and kept[0] == state:
+            earlier, kept = self._kept.get(manifest.id, (None, None))
+            if kept is not None and earlier == state:
                 self._kept.move_to_end(manifest.id)
-                return kept[1]
-        asset = load_asset(self._store, manifest)
+                return kept
+        if kept is not None and earlier is not None and earlier.startswith(READY) and manifest.status == READY:
+            tensors = _mapper(self._store, manifest)  # the rest is the same: its trees are packed and its files mapped
+            asset = replace(kept, other_hulls=_other_hulls(tensors), ladder=_ladder(manifest))
+        else:
+            asset = load_asset(self._store, manifest)
         with self._lock:
             self._kept[asset.id] = state, asset
+            self._kept.move_to_end(asset.id)
             while len(self._kept) > 1 and sum(a.nbytes for _, a in self._kept.values()) > self._capacity:
                 self._kept.popitem(last=False)
         return asset

@@ -1,4 +1,7 @@
-"""Entity tags that need no rendering: an answer is a function of mesh, request and program, and a mesh id is a hash itself."""
+"""Entity tags that need no rendering: an answer is a function of mesh, request and program, and a mesh id is a hash itself.
+
+A picture is one of what there is of its mesh, too (`service.assets.state_of`).
+"""
 
 from __future__ import annotations
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import heapq
+import threading
+from collections import OrderedDict
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
 from backend import records
-from backend.manifests import read_drawable
+from backend.manifests import loaded_manifest, with_later_stages
 from backend.progress import Progress
 from backend.store import Store
+from schemas import keys
 from schemas.artifacts import COLOR_PNG, HULL_GLB, NORMAL_PNG
 from schemas.errors import InvalidRequestError, NotFoundError, NotReadyError
 from schemas.jobs import LATER_STAGES, STAGES
@@ -19,57 +22,54 @@ from schemas.mesh import BoundingSphere, MeshInfo, MeshPage, MeshStatus, Problem
 from service.errors import FailedMeshError
 
 NO_SUCH_MESH = "There is no such mesh; it may have been deleted."
-LAST_STAGE = list(LATER_STAGES)[-1]
-MOST_SETTLED = 4096
-"""Meshes whose manifests are kept, since nothing about them changes any more."""
+NOT_READY = "The mesh is accepted, but its preprocessing has not ended."
+KEPT = 256
+"""Manifests in memory: with what was measured one takes some hundred KiB."""
+
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class Meshes:
-    """Reads meshes. Acceptance records never change, so they are kept; all calls do file or Redis I/O and block."""
+    """Reads meshes; all calls do file or Redis I/O and block. Thread-safe.
 
-    def __init__(self, store: Store, progress: Progress, *, measure: bool = False) -> None:
+    Acceptance records never change, so they are kept; so are the manifests of meshes that no stage is to be run for any more, as long
+    as their files are the same. `measure`: whether ready meshes go through the later stages here.
+    """
+
+    def __init__(self, store: Store, progress: Progress, *, measure: bool) -> None:
         self._store = store
         self._progress = progress
         self._measure = measure
         self._accepted: dict[str, Accepted] = {}
-        self._settled: dict[str, Manifest] = {}
+        self._settled: OrderedDict[str, tuple[str, Manifest]] = OrderedDict()
+        self._lock = threading.Lock()
 
     def info(self, mesh_id: str) -> MeshInfo:
         """Everything about a mesh. Raises NotFoundError."""
         accepted = self._read_accepted(mesh_id)
-        manifest = records.read_manifest(self._store, mesh_id)
-        if manifest is None:
-            return self._in_work(accepted)
-        later = self._later(mesh_id) if manifest.status == "ready" else []
-        info = _ended(accepted, manifest, later)
-        if any(stage.name == LAST_STAGE and stage.status is StageStatus.DONE for stage in later):
-            info.links["accuracy"] = f"/v1/meshes/{mesh_id}/accuracy"
-        return info
+        manifest = self._current(mesh_id)
+        return self._in_work(accepted, manifest) if manifest is None or manifest.status == "loaded" else self._ended(accepted, manifest)
 
     def manifest(self, mesh_id: str) -> Manifest:
-        """The manifest of a mesh that is ready. Raises NotFoundError, NotReadyError, FailedMeshError."""
-        self._read_accepted(mesh_id)
-        manifest = records.read_manifest(self._store, mesh_id)
-        if manifest is None:
-            raise NotReadyError("The mesh is accepted, but its preprocessing has not ended.", mesh=mesh_id)
-        if manifest.status == "failed":
-            raise _failure(manifest)
+        """The manifest of a mesh that is ready, as `drawable`. Raises NotFoundError, NotReadyError, FailedMeshError."""
+        manifest = self.drawable(mesh_id)
+        if manifest.status != "ready":
+            raise NotReadyError(NOT_READY, mesh=mesh_id)
         return manifest
 
     def drawable(self, mesh_id: str) -> Manifest:
-        """What there is to draw of a mesh (`backend.manifests.read_drawable`). Raises NotFoundError, NotReadyError, FailedMeshError."""
+        """What can be drawn of a mesh: its manifest, with the later stages that have ended, or before that what load found.
+
+        Raises NotFoundError, NotReadyError, FailedMeshError.
+        """
         self._read_accepted(mesh_id)
-        settled = self._settled.get(mesh_id)
-        if settled is not None:
-            return settled
-        manifest = read_drawable(self._store, mesh_id)
+        manifest = self._current(mesh_id)
+        if manifest is None:
+            raise NotReadyError(NOT_READY, mesh=mesh_id)
         if manifest.status == "failed":
-            raise _failure(manifest)
-        if manifest.stages[-1].stage == LAST_STAGE:
-            self._settled[mesh_id] = manifest
-            while len(self._settled) > MOST_SETTLED:
-                self._settled.pop(next(iter(self._settled)))
+            raise FailedMeshError(
+                manifest.error or Problem(title="Preprocessing failed", status=422, detail="The mesh could not be processed.")
+            )
         return manifest
 
     def fault_of(self, mesh_id: str, stage: str) -> Problem | None:
@@ -89,7 +89,37 @@ class Meshes:
     def forget(self, mesh_id: str) -> None:
         """Drop what is kept of a mesh that is being deleted."""
         self._accepted.pop(mesh_id, None)
-        self._settled.pop(mesh_id, None)
+        with self._lock:
+            self._settled.pop(mesh_id, None)
+
+    def _current(self, mesh_id: str) -> Manifest | None:
+        """How far a mesh is, failed ones included; None while it is not even loaded."""
+        version = self._store.version(keys.manifest(mesh_id))
+        if version is None:
+            load = records.read_stage(self._store, mesh_id, "load")
+            return loaded_manifest(mesh_id, load) if load is not None and load.outcome == "done" else None
+        with self._lock:
+            kept_version, kept = self._settled.get(mesh_id, (None, None))
+            if kept is not None and kept_version == version:
+                self._settled.move_to_end(mesh_id)
+                return kept
+        # before they are read: what lands meanwhile is seen the next time
+        settled = not self._measure or all(self._store.exists(keys.stage_record(mesh_id, stage)) for stage in LATER_STAGES)
+        manifest = records.read_manifest(self._store, mesh_id)
+        if manifest is None:  # deleted meanwhile
+            return None
+        if manifest.status == "ready":
+            manifest = with_later_stages(self._store, manifest)
+        if settled or manifest.status == "failed":
+            self._keep(mesh_id, version, manifest)
+        return manifest
+
+    def _keep(self, mesh_id: str, version: str, manifest: Manifest) -> None:
+        with self._lock:
+            self._settled[mesh_id] = version, manifest
+            self._settled.move_to_end(mesh_id)
+            while len(self._settled) > KEPT:
+                self._settled.popitem(last=False)
 
     def _all(self) -> Iterator[Accepted]:
         for mesh_id in self._store.children(MESHES):
@@ -113,53 +143,37 @@ class Meshes:
         except NotFoundError:
             raise NotFoundError(NO_SUCH_MESH) from None
 
-    def _in_work(self, accepted: Accepted) -> MeshInfo:
+    def _in_work(self, accepted: Accepted, loaded: Manifest | None) -> MeshInfo:
         running = self._progress.read(accepted.id)
         ended = {stage: records.read_stage(self._store, accepted.id, stage) for stage in STAGES}
         stages = [_stage(name, ended[name], running.get(name)) for name in STAGES]
         started = any(stage.status is not StageStatus.QUEUED for stage in stages)
-        status = MeshStatus.PROCESSING if started else MeshStatus.QUEUED
-        loaded = ended["load"] is not None and ended["load"].outcome == "done"
-        return MeshInfo(
-            id=accepted.id,
-            name=accepted.name,
-            status=status,
-            stages=stages,
-            links=_links(accepted.id, None) | (_picture_links(accepted.id) if loaded else {}),
-            created=accepted.created,
-        )
+        later = [Stage(name=name) for name in LATER_STAGES if self._measure]
+        return _info(accepted, MeshStatus.PROCESSING if started else MeshStatus.QUEUED, [*stages, *later], loaded)
 
-    def _later(self, mesh_id: str) -> list[Stage]:
-        """The later stages of a ready mesh, where this service wants them or they are done."""
-        ended = {stage: records.read_stage(self._store, mesh_id, stage) for stage in LATER_STAGES}
-        if not self._measure and not any(ended.values()):
-            return []
-        running = {} if all(ended.values()) else self._progress.read(mesh_id)
-        return [_stage(name, record, running.get(name)) for name, record in ended.items()]
+    def _ended(self, accepted: Accepted, manifest: Manifest) -> MeshInfo:
+        by_name = {record.stage: record for record in manifest.stages}
+        stages = [_stage(name, by_name[name], None) if name in by_name else Stage(name=name, status=StageStatus.SKIPPED) for name in STAGES]
+        if manifest.status == "ready":
+            unended = self._measure and not by_name.keys() >= LATER_STAGES.keys()
+            running = self._progress.read(accepted.id) if unended else {}
+            later = LATER_STAGES if self._measure else [name for name in LATER_STAGES if name in by_name]
+            stages += [_stage(name, by_name.get(name), running.get(name)) for name in later]
+        return _info(accepted, MeshStatus(manifest.status), stages, manifest)
 
 
-def _failure(manifest: Manifest) -> FailedMeshError:
-    return FailedMeshError(manifest.error or Problem(title="Preprocessing failed", status=422, detail="The mesh could not be processed."))
-
-
-def _ended(accepted: Accepted, manifest: Manifest, later: list[Stage]) -> MeshInfo:
-    by_name = {record.stage: record for record in manifest.stages}
+def _info(accepted: Accepted, status: MeshStatus, stages: list[Stage], manifest: Manifest | None) -> MeshInfo:
+    known = {} if manifest is None else {name: getattr(manifest, name) for name in ("stats", "capabilities", "hull", "repairs", "error")}
+    frame = None if manifest is None else manifest.frame
     return MeshInfo(
         id=accepted.id,
         name=accepted.name,
-        status=MeshStatus(manifest.status),
-        stages=[
-            _stage(name, by_name.get(name), None) if name in by_name else Stage(name=name, status=StageStatus.SKIPPED) for name in STAGES
-        ]
-        + later,
-        stats=manifest.stats,
-        sphere=BoundingSphere(centre=manifest.frame.centre, radius=manifest.frame.scale) if manifest.frame else None,
-        capabilities=manifest.capabilities,
-        hull=manifest.hull,
-        repairs=manifest.repairs,
-        error=manifest.error,
+        status=status,
+        stages=stages,
+        sphere=BoundingSphere(centre=frame.centre, radius=frame.scale) if frame else None,
         links=_links(accepted.id, manifest),
         created=accepted.created,
+        **known,
     )
 
 
@@ -172,21 +186,18 @@ def _stage(name: str, record: StageRecord | None, running: float | None) -> Stag
 
 
 def _links(mesh_id: str, manifest: Manifest | None) -> dict[str, str]:
-    """Addresses of what there is: of a mesh that is ready, and only of downloads that were made."""
+    """Addresses of what there is: pictures as soon as the mesh is loaded, downloads only those that were made."""
     base = f"/v1/meshes/{mesh_id}"
     links = {"self": base, "events": f"{base}/events"}
-    if manifest is None or manifest.status != "ready":
+    if manifest is None or manifest.status == "failed":
         return links
-    links |= _picture_links(mesh_id)
+    links |= {"render": f"{base}/render.png", "thumbnail": f"{base}/thumbnail.png"}
     if (clip := manifest.capabilities.get("clip")) is not None and clip.available:
         links["silhouette"] = f"{base}/silhouette.svg"
+    if any(record.stage == "measure" and record.outcome == "done" for record in manifest.stages):
+        links["accuracy"] = f"{base}/accuracy"
     made = {name for record in manifest.stages for name in record.artifacts}
     return links | {name: f"{base}/artifacts/{name}" for name in (HULL_GLB, NORMAL_PNG, COLOR_PNG) if name in made}
-
-
-def _picture_links(mesh_id: str) -> dict[str, str]:
-    base = f"/v1/meshes/{mesh_id}"
-    return {"render": f"{base}/render.png", "thumbnail": f"{base}/thumbnail.png"}
 
 
 def _place(mesh: Accepted) -> tuple[int, str]:

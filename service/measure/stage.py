@@ -9,11 +9,12 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from backend import records
-from backend.manifests import read_drawable
+from backend.manifests import with_later_stages
 from backend.store import Store
 from schemas import keys
-from schemas.errors import NotFoundError, StageFailedError
+from schemas.errors import NotFoundError, NotReadyError, StageFailedError
 from schemas.ladder import SAMPLES, SIZES, VIEWS, Ladder, RungKey
+from schemas.manifest import Manifest
 from service.assets import MeshAsset, load_asset
 from service.measure.ladder import Measured, Step, is_whole, measure_step, put_together, steps
 from service.render.context import PACKAGES, EglUnavailableError
@@ -45,7 +46,7 @@ def measure_mesh(store: Store, mesh_id: str, progress: Callable[[float], None], 
     NotReadyError, CorruptArtifactError, StageFailedError where nothing can be drawn on this machine, StorageFullError, CancelledError
     when the mesh is deleted meanwhile.
     """
-    asset = load_asset(store, read_drawable(store, mesh_id))
+    asset = load_asset(store, _ready(store, mesh_id))
     try:
         gpu = Gpu(CACHE_MIB)
     except EglUnavailableError as error:
@@ -56,6 +57,14 @@ def measure_mesh(store: Store, mesh_id: str, progress: Callable[[float], None], 
     finally:
         gpu.release()
     return None if ladder is None else ladder.model_dump(mode="json")
+
+
+def _ready(store: Store, mesh_id: str) -> Manifest:
+    """The manifest of a mesh that is ready, with the later stages that have ended."""
+    manifest = records.read_manifest(store, mesh_id)
+    if manifest is None:
+        raise NotReadyError("the mesh is not ready", mesh=mesh_id)
+    return with_later_stages(store, manifest)
 
 
 def measure(

@@ -8,10 +8,12 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
-from schemas.errors import NotFoundError
+from backend.manifests import NOT_ENDED
+from schemas.errors import NotFoundError, NotReadyError
+from schemas.manifest import Manifest
 from schemas.plan import PlanReport
-from schemas.render import ImageFormat, RenderRequest
-from service.assets import state_of
+from schemas.render import Accuracy, ImageFormat, RenderRequest, Source
+from service.assets import CLIP, READY, state_of
 from service.caching import IMMUTABLE, NOT_KEPT, REVALIDATE, entity_tag, not_modified
 from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format, wants_json
 from service.render.encode import encode
@@ -69,7 +71,7 @@ async def thumbnail(
     parts: Parts,
     size: Annotated[int, Query(ge=16, le=1024, description="pixels a side")] = 256,
 ) -> Response:
-    """A fitted three-quarter view on a transparent ground, the same for ever: keep it as long as you like."""
+    """A fitted three-quarter view on a transparent ground, from a mesh that is ready the same for ever: keep it as long as you like."""
     wanted = RenderRequest(width=size, height=size, format=_encoding(suffix))
     return await _picture(mesh_id, wanted, request, parts, IMMUTABLE)
 
@@ -83,9 +85,10 @@ def _encoding(suffix: str) -> ImageFormat:
 async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services, cache_control: str) -> Response:
     """Render `wanted`, whose format is set, unless the client has it already."""
     manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
-    tag = entity_tag(mesh_id, "picture", state_of(manifest), wanted.model_dump_json())
-    if manifest.status != "ready":  # drawn from the original; what comes when the mesh is ready is another picture
-        cache_control = NOT_KEPT
+    check_drawable(manifest, wanted.accuracy)
+    if manifest.status != READY:
+        cache_control = REVALIDATE
+    tag = entity_tag(mesh_id, state_of(manifest), "picture", wanted.model_dump_json())
     if answer := not_modified(request, tag, cache_control):
         return answer
     limit_s = parts.settings.render_timeout_s
@@ -101,6 +104,7 @@ async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts:
 async def _plan(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services) -> Response:
     """What `wanted` would do. The costs change as frames are drawn: not to be kept."""
     manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    check_drawable(manifest, wanted.accuracy)
 
     def planned() -> PlanReport:
         return explain_plan(wanted, parts.assets.get(manifest), parts.renderer.costs)
@@ -108,6 +112,13 @@ async def _plan(mesh_id: str, wanted: RenderRequest, request: Request, parts: Se
     report = await wait_for(request, parts.cpu.submit(planned), parts.settings.render_timeout_s)
     body = report.model_dump_json(exclude_none=True)
     return Response(body, headers={"Cache-Control": NOT_KEPT, "Vary": "Accept"}, media_type="application/json")
+
+
+def check_drawable(manifest: Manifest, accuracy: Accuracy) -> None:
+    """Raise NotReadyError for a picture that takes a silhouette or hull which the mesh is still to get."""
+    clip = manifest.capabilities.get(CLIP)
+    if clip is not None and clip.reason == NOT_ENDED and (accuracy.source is Source.CLIPPED or accuracy.smooth):
+        raise NotReadyError("The mesh cannot be clipped yet: its preprocessing has not ended.", mesh=manifest.id)
 
 
 def picture_headers(

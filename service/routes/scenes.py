@@ -11,12 +11,12 @@ from schemas.errors import SilhouetteError
 from schemas.manifest import Manifest
 from schemas.scene import SceneRequest
 from service.assets import state_of
-from service.caching import NOT_KEPT, REVALIDATE, entity_tag, not_modified
+from service.caching import REVALIDATE, entity_tag, not_modified
 from service.errors import located
 from service.negotiation import IMAGE_TYPES, image_format
 from service.render.encode import encode
 from service.routes.documented import image_answer, problems
-from service.routes.render import picture_headers
+from service.routes.render import check_drawable, picture_headers
 from service.scene.draw import drawing_of
 from service.scene.plan import ScenePlan, plan_scene
 from service.state import Parts, Services
@@ -37,8 +37,7 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
     wanted = body.model_copy(update={"format": encoding})
     manifests = await to_thread.run_sync(_manifests, parts, wanted)
     tag = entity_tag("scene", *map(state_of, manifests), wanted.model_dump_json())
-    cache_control = REVALIDATE if all(manifest.status == "ready" for manifest in manifests) else NOT_KEPT
-    if answer := not_modified(request, tag, cache_control):
+    if answer := not_modified(request, tag, REVALIDATE):
         return answer
     limit_s = parts.settings.render_timeout_s
     plan, plan_ms = await wait_for(request, parts.cpu.submit(_plan, parts, wanted, manifests), limit_s)
@@ -46,20 +45,24 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
     clock = Stopwatch()
     picture = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), limit_s)
     told = picture_headers(image, before=[("plan", plan_ms)], after=[("encode", clock.ms())])
-    return Response(
-        picture, headers={"ETag": tag, "Cache-Control": cache_control, "Vary": "Accept", **told}, media_type=IMAGE_TYPES[encoding]
-    )
+    return Response(picture, headers={"ETag": tag, "Cache-Control": REVALIDATE, "Vary": "Accept", **told}, media_type=IMAGE_TYPES[encoding])
 
 
 def _manifests(parts: Services, wanted: SceneRequest) -> list[Manifest]:
-    """The manifest of every object's mesh. What is wrong with one says whose it is."""
+    """What can be drawn of every object's mesh. What is wrong with one says whose it is."""
     found = []
     for index, item in enumerate(wanted.objects):
         try:
-            found.append(parts.meshes.drawable(item.mesh))
+            found.append(_drawable(parts, wanted, item.mesh))
         except SilhouetteError as error:
             raise located(error, f"objects[{index}].mesh") from error.__cause__
     return found
+
+
+def _drawable(parts: Services, wanted: SceneRequest, mesh_id: str) -> Manifest:
+    manifest = parts.meshes.drawable(mesh_id)
+    check_drawable(manifest, wanted.accuracy)
+    return manifest
 
 
 def _plan(parts: Services, wanted: SceneRequest, manifests: list[Manifest]) -> tuple[ScenePlan, float]:

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from backend.artifacts import identity_of, write_artifact
+from backend.manifests import NOT_ENDED, loaded_manifest
 from backend.store import Store
 from schemas import artifacts
 from schemas.errors import CorruptArtifactError, NotReadyError
 from schemas.keys import artifact
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability
-from service.assets import AssetCache, MeshAsset, load_asset
+from service.assets import AssetCache, MeshAsset, load_asset, state_of
+from tests.ladders import small_ladder
 from tests.service.render.made import clippable, tree_tensors
 
 MESH_ID = "0123456789abcdef0123456789abcdef"
@@ -100,3 +102,74 @@ def test_cache_lets_the_least_recently_used_go_first(store):
     assets = [cache.get(manifest) for manifest in manifests]
     assert cache.get(manifests[-1]) is assets[-1]
     assert cache.get(manifests[0]) is not assets[0]
+
+
+def test_loaded_mesh_is_its_original_and_says_that_clipping_is_to_come(store):
+    stages = stored(store).stages
+    original = stages[0].model_copy(update={"stage": "load", "artifacts": {artifacts.MESH.file: "sha"}})
+    original.report["capabilities"] = {"clip": {"available": True}}
+    original.report["frame"] = {"centre": [0.0, 0.0, 0.0], "scale": 1.0}
+    asset = load_asset(store, loaded_manifest(MESH_ID, original))
+    assert np.array_equal(asset.positions, clippable("torus").positions)
+    assert (asset.clippable, asset.clip.reason) == (False, NOT_ENDED)
+    assert (asset.hull, asset.maps, asset.tree, asset.hulls, asset.levels) == (None, None, None, (), ())
+
+
+def with_hulls(store, manifest, which=(0, 1)):
+    """The manifest with a record of the stage hulls: the torus' own hull and, with the same maps, its other way round."""
+    made, names = clippable("torus"), {}
+    for k in which:
+        for layout, tensors in ((artifacts.OTHER_HULLS[k], made.hull), (artifacts.OTHER_MAPS[k], made.maps)):
+            names[layout.file] = write_artifact(store, manifest.id, layout, tensors, identity_of(manifest.id, "hulls"))
+    record = StageRecord(stage="hulls", outcome="done", seconds=0.0, artifacts=names)
+    return manifest.model_copy(update={"stages": [*manifest.stages, record]})
+
+
+def with_ladder(manifest, report):
+    return manifest.model_copy(
+        update={"stages": [*manifest.stages, StageRecord(stage="measure", outcome="done", seconds=0.0, report=report)]}
+    )
+
+
+@pytest.mark.parametrize("which", [(0, 1), (0,), (1,), ()])
+def test_other_hulls_are_numbered_behind_the_drawn_one(store, which):
+    asset = load_asset(store, with_hulls(store, stored(store), which))
+    assert len(asset.hulls) == 1 + len(which)
+    assert asset.hulls[0].hull is asset.hull
+    assert all(np.array_equal(one.hull["faces"], asset.hull["faces"]) and one.texels for one in asset.hulls)
+
+
+def test_ladder_is_what_the_stage_measure_reported(store):
+    ladder = small_ladder()
+    asset = load_asset(store, with_ladder(stored(store), ladder.model_dump(mode="json")))
+    assert asset.ladder == ladder
+    assert load_asset(store, stored(store)).ladder is None
+
+
+def test_ladder_of_another_version_is_none(store):
+    assert load_asset(store, with_ladder(stored(store), {"device": "llvmpipe"})).ladder is None
+
+
+def test_cached_asset_gives_way_as_later_stages_end_and_keeps_what_stays(store):
+    ready, cache = stored(store), AssetCache(store, 64)
+    hulls = with_hulls(store, ready)
+    measured = with_ladder(hulls, small_ladder().model_dump(mode="json"))
+    assets = [cache.get(manifest) for manifest in (ready, hulls, measured)]
+    assert [len(asset.hulls) for asset in assets] == [1, 3, 3]
+    assert [asset.ladder is not None for asset in assets] == [False, False, True]
+    assert all(asset.tree is assets[0].tree and asset.positions is assets[0].positions for asset in assets)
+    assert cache.get(measured) is assets[-1]
+    assert len({state_of(manifest) for manifest in (ready, hulls, measured)}) == 3
+
+
+def test_cached_original_gives_way_to_the_ready_mesh_and_back_when_it_is_taken_anew(store):
+    ready, cache = stored(store), AssetCache(store, 64)
+    load = ready.stages[0].model_copy(update={"artifacts": {artifacts.MESH.file: "sha"}})
+    loaded = ready.model_copy(update={"status": "loaded", "stages": [load], "capabilities": {}})
+    assert [cache.get(manifest).clippable for manifest in (loaded, ready, loaded, ready)] == [False, True, False, True]
+
+
+def test_a_failed_later_stage_is_not_part_of_the_state(store):
+    ready = stored(store)
+    failed = StageRecord(stage="hulls", outcome="failed", seconds=0.0)
+    assert state_of(ready.model_copy(update={"stages": [*ready.stages, failed]})) == state_of(ready)

@@ -284,7 +284,7 @@ def test_deleted_mesh_is_gone_with_all_its_files(http, client, service, tmp_path
 def test_mesh_deleted_in_work_stays_gone(http, service, knot_file):
     before = stored(service)
     accepted = http.post("/v1/meshes", params={"name": "k.ply", "hull_faces": 400, "texels": 128}, content=knot_file.read_bytes())
-    assert http.get(f"{accepted.headers['location']}/render.png").status_code == 409
+    assert http.get(f"{accepted.headers['location']}/silhouette.svg").status_code == 409
     assert http.delete(accepted.headers["location"]).status_code == 204
     assert _settles(lambda: stored(service) == before, seconds=60.0)
 

@@ -102,6 +102,7 @@ def test_mesh_in_processing_is_409_with_its_place(http, client, two, tmp_path):
     write_ply(str(path), *meshes.knot(700, 24))
     slow = client.upload(path)
     two["objects"].insert(1, {"mesh": slow.id})
+    two["accuracy"] = {"source": "clipped"}  # its original can be drawn as soon as it is loaded
     answer = http.post(URL, json=two)
     client.delete(slow.id)
     assert (answer.status_code, answer.json()["code"], answer.json()["field"]) == (409, "not-ready", "objects[1].mesh")
