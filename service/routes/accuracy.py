@@ -83,12 +83,14 @@ def _ladder(parts: Services, manifest: Manifest) -> Ladder:
 
 
 def _predicted(parts: Services, asset: MeshAsset, ladder: Ladder) -> Times:
-    """Times on this service's own renderer."""
+    """Times on this service's own renderer; of none, where the ladder is of other rungs than the mesh has now."""
     try:
         costs = parts.renderer.costs
     except BusyError:
         return {}
     number = {key: n for n, key in enumerate(asset.rungs.keys)}
+    if any(key_of(rung) not in number for rung in ladder.rungs):
+        return {}
     times: dict[int, list[float]] = {}
     for facts in ladder.facts:
         times[facts.size] = []

@@ -136,7 +136,7 @@ def test_other_hulls_are_numbered_behind_the_drawn_one(store, which):
     asset = load_asset(store, with_hulls(store, stored(store), which))
     assert len(asset.hulls) == 1 + len(which)
     assert asset.hulls[0].hull is asset.hull
-    assert all(np.array_equal(one.hull["faces"], asset.hull["faces"]) and one.texels for one in asset.hulls)
+    assert all(np.array_equal(one.hull["faces"], asset.hull["faces"]) and one.facts.texels[0] for one in asset.hulls)
 
 
 def test_ladder_is_what_the_stage_measure_reported(store):

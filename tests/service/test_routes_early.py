@@ -57,9 +57,11 @@ class Work:
             records.write_manifest(self._queue.store, build_manifest(self._mesh_id, done))
 
     def measure(self):
-        report = small_ladder().model_dump(mode="json")
+        self.record(StageRecord(stage="measure", outcome="done", seconds=1.0, report=small_ladder().model_dump(mode="json")))
+
+    def record(self, record):
         with records.publishing(self._queue.store, self._mesh_id):
-            records.write_stage(self._queue.store, self._mesh_id, StageRecord(stage="measure", outcome="done", seconds=1.0, report=report))
+            records.write_stage(self._queue.store, self._mesh_id, record)
 
 
 @pytest.fixture
