@@ -18,7 +18,7 @@ from benchmarks import summary
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, QUICK_RESULTS = ROOT / "docs" / "results", ROOT / "benchmarks" / "out" / "quick"
-TABLES = ("table2", "figure9", "table1", "figure10", "figure11", "hulls", "preprocessing")
+TABLES = ("table2", "figure9", "table1", "figure10", "figure11", "hulls", "preprocessing", "accuracy")
 
 
 def main() -> None:

@@ -84,7 +84,7 @@ def not_enclosing(results: Results) -> float | None:
 
 def bars() -> list[Bar]:
     """All demands, in the order of the page."""
-    return [*_extraction(), *_hulls(), *_times(), *_frames()]
+    return [*_extraction(), *_hulls(), *_times(), *_frames(), *_accuracy()]
 
 
 def _extraction() -> list[Bar]:
@@ -150,6 +150,50 @@ def _frames() -> list[Bar]:
     return [*made, Bar("frame: original, 4x MSAA / coverage", "bunny_closed", 12.0, True, "x", against)]
 
 
+ACCURACY_MESHES = ("bunny_closed", "dragon_400k", "knot", "holes3", "fandisk")
+
+
+def _accuracy() -> list[Bar]:
+    made = [
+        Bar("alpha error of coverage on outline pixels", mesh, 0.008, False, "", _own(mesh, "clipped/coverage", "alpha_error"))
+        for mesh in ACCURACY_MESHES
+    ]
+    made += [Bar("the same, of that of 4x MSAA", mesh, 1.0 / 3.0, False, "", _part_of_msaa(mesh)) for mesh in ACCURACY_MESHES]
+    made += [
+        Bar("RMSE of coverage's alpha", mesh, 0.015, False, "", _own(mesh, "clipped/coverage", "alpha_rmse")) for mesh in ACCURACY_MESHES
+    ]
+    made += [Bar("alpha error of lines", mesh, 0.06, False, "", _own(mesh, "clipped/line", "alpha_error")) for mesh in ACCURACY_MESHES]
+    made += [
+        Bar("stencil's pixels that differ, worst of 100 views", mesh, 1e-4, False, "", of("accuracy", mesh, "stencil", "worst"))
+        for mesh in ACCURACY_MESHES
+    ]
+    for what, key, limit, at_least in PLANNER_BARS:
+        made += [Bar(what, mesh, limit, at_least, "", of("accuracy", mesh, "planner", key)) for mesh in ACCURACY_MESHES]
+    return made
+
+
+PLANNER_BARS = (
+    ("predicted frame times within 25 %", "within_25_percent", 0.9, True),
+    ("planner's choices that are right", "right_choices", 0.9, True),
+    ("planning, microseconds", "planning_us", 100.0, False),
+)
+
+
+def _own(mesh: str, rung: str, key: str) -> Value:
+    """A value of a rung whose outline is the mesh's own."""
+
+    def value(results: Results) -> float | None:
+        rows = results.get("accuracy", {}).get("meshes", {}).get(mesh, {}).get("rungs", [])
+        return next((row[key] for row in rows if f"{row['source']}/{row['antialias']}" == rung and row["level"] is None), None)
+
+    return value
+
+
+def _part_of_msaa(mesh: str) -> Value:
+    ours, msaa = _own(mesh, "clipped/coverage", "alpha_error"), _own(mesh, "original/msaa", "alpha_error")
+    return lambda results: ratio(ours(results), msaa(results))
+
+
 def summarise(results: Results) -> Result:
     """{machine, quick, bars: [{what, on, bar, measured, met}], left_out, failed}."""
     rows = []
@@ -185,7 +229,7 @@ def _measured(row: Result) -> str:
     return NONE if row["measured"] is None else f"{number(row['measured'])} {row['unit']}".rstrip()
 
 
-def read(folder: Path, names: tuple[str, ...] = ("table1", "table2", "hulls", "preprocessing")) -> Results:
+def read(folder: Path, names: tuple[str, ...] = ("table1", "table2", "hulls", "preprocessing", "accuracy")) -> Results:
     """The results of the tables in a folder, those that are there."""
     paths = {name: folder / f"{name}.json" for name in names}
     return {name: json.loads(path.read_text()) for name, path in paths.items() if path.exists()}
