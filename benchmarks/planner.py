@@ -16,13 +16,19 @@ from __future__ import annotations
 
 import math
 import statistics
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.frame import prepare
+from benchmarks.models import mesh_file
+from benchmarks.report import mesh_parser, report
+from schemas.mesh import PreprocessOptions
 from schemas.render import Accuracy, Orbit, OrbitCamera, RenderRequest
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
@@ -212,3 +218,40 @@ def evaluate(gpu: Gpu, asset: MeshAsset, seed: int, told: Callable[[str], None] 
         "choices": choices,
         "planning_us": round(planning_us(gpu, asset, random), 1),
     }
+
+
+def run(mesh: str, seed: int) -> dict[str, Any]:
+    """Everything, for a mesh by name."""
+    with mesh_file(mesh) as path:
+        asset = prepare(path, PreprocessOptions(), every_rung=True)
+    gpu, seconds = calibrated()
+    try:
+        found = evaluate(gpu, asset, seed, lambda text: print(f"  {text}", file=sys.stderr, flush=True))
+    finally:
+        gpu.release()
+    return {"mesh": Path(mesh).name, "device": gpu.costs.device, "calibration_s": round(seconds, 2)} | found
+
+
+def print_table(result: dict[str, Any]) -> None:
+    """The quality, and the choices that were wrong."""
+    print(f"{result['mesh']}: {result['rungs']} rungs, {result['device']}, calibrated in {result['calibration_s']} s")
+    low, middle, high = result["ratio_p5_p50_p95"]
+    print(f"  predicted / observed: {middle} ({low} to {high}), {result['within_25_percent']:.1%} of {result['frames']} within 25 %")
+    print(f"  choices: {result['right_choices']:.0%} of {result['requests']} right, {result['as_accurate']:.0%} as accurate as the best")
+    print(f"  planning: {result['planning_us']} us")
+    for choice in result["choices"]:
+        if not choice["right"]:
+            told = f"{choice['chosen']} ({choice['chosen_ms']} ms) instead of {choice['best']} ({choice['best_ms']} ms)"
+            print(f"  wrong: {choice['accuracy']} at {choice['size']} px: {told}")
+
+
+def main() -> None:
+    """The program."""
+    parser = mesh_parser(__doc__ or "")
+    parser.add_argument("--seed", type=int, default=1, help="of the random views and requests")
+    options = parser.parse_args()
+    report(lambda: run(options.mesh, options.seed), options.json, print_table)
+
+
+if __name__ == "__main__":
+    main()

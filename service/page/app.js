@@ -141,6 +141,7 @@ function describe(mesh) {
   for (const [name, { available, reason }] of Object.entries(mesh?.capabilities ?? {})) facts.push([name, available ? "yes" : reason ?? "no"]);
   at("facts").replaceChildren(...facts.flatMap(([key, value]) => [element("dt", { textContent: key }), element("dd", { textContent: value })]));
   const files = Object.entries(mesh?.links ?? {}).filter(([, href]) => href.includes("/artifacts/") || href.endsWith("silhouette.svg"));
+  if (mesh?.links.accuracy) files.push(["what accuracy costs", `${mesh.links.accuracy}.svg`]);
   at("links").replaceChildren(...files.map(([name, href]) => element("a", { href, textContent: name })));
   at("drawn").hidden = mesh?.status !== "ready";
   at("timing").replaceChildren();
@@ -173,6 +174,7 @@ async function frame(mesh) {
   const place = new URLSearchParams({ ...shared, ...(distance ? { distance: distance.toPrecision(8) } : {}) });
   const look = new URLSearchParams({ source: form.get("source"), antialias: form.get("antialias"), shading: form.get("shading") });
   if (["msaa", "ssaa"].includes(look.get("antialias"))) look.set("source", "original");
+  if (form.get("budget")) look.set("budget", form.get("budget"));
   const address = `/v1/meshes/${mesh.id}/render.png?${place}&${look}`;
   const lines = form.has("outline") ? api(`/v1/meshes/${mesh.id}/silhouette.svg?${place}`) : null;
   const start = performance.now();
