@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -129,7 +130,7 @@ def measure(name: str, eye_count: int) -> dict[str, Any]:
     simd = microseconds(lambda eye: silhouette_simd(planes, *table, eye), near)
     alone = microseconds(tree.extract, near)
     return {
-        "mesh": name,
+        "mesh": Path(name).name,
         "faces": len(faces),
         "edges": len(edges.vertices),
         "silhouette_edges": int(counts[0]),
