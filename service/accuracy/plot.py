@@ -1,197 +1,200 @@
-"""The plot of a ladder: error against milliseconds, the front highlighted, as an SVG that needs nothing else."""
+"""The plot of a ladder: error against milliseconds, what is best for its time highlighted, as an SVG that needs nothing else."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from xml.sax.saxutils import escape, quoteattr
 
 from schemas.ladder import AccuracyReport, AccuracyRung
+from service.accuracy import svg
+from service.accuracy.axes import Axis, linear_axis, log_axis
+from service.accuracy.labels import farthest_apart, spread
 
-WIDTH, HEIGHT = 960, 640
-TOP, BOTTOM = 96, 420
-PANELS = ((72, 462), (552, 942))
+WIDTH = 900
+TOP, BOTTOM = 116, 372
+PANELS = ((62, 432), (506, 876))
 """Left and right ends of the two panels, pixels."""
-LEGEND_Y = 486
-ROW = 16
+LANE = 26
+"""Pixels along one side of a panel that the numbers of a front stand in."""
+ZERO = 16
+"""Pixels between the errors that are 0 and the others."""
+MARGIN = 24
+KEY_Y, SIGNS_Y = BOTTOM + 62, BOTTOM + 84
+TABLE_Y, ROW = BOTTOM + 116, 17
+TABLES = (MARGIN, 462)
 MOST_NAMED = 8
-"""Points of a front that are named; the others are drawn."""
+"""Points of a front that have a number; the others are highlighted only."""
+WIDE_LETTER = 6.9
+"""Pixels that a letter of ordinary text takes at most, on average."""
+MANY = 40
+"""Rungs from which on those beside the fronts are drawn small and faint."""
 STYLES = {
-    "original/none": ("#8c6d31", "square"),
-    "original/msaa": ("#e6550d", "square"),
-    "original/ssaa": ("#a63603", "square"),
-    "original/coverage": ("#fd8d3c", "square"),
-    "clipped/none": ("#6baed6", "circle"),
-    "clipped/line": ("#756bb1", "circle"),
-    "clipped/coverage": ("#1a7f37", "circle"),
+    "original/none": ("#8c6d31", True),
+    "original/msaa": ("#e6550d", True),
+    "original/ssaa": ("#a63603", True),
+    "original/coverage": ("#e0a050", True),
+    "clipped/none": ("#4393c3", False),
+    "clipped/line": ("#756bb1", False),
+    "clipped/coverage": ("#1a7f37", False),
 }
-"""Colour and marker of source/antialias: squares draw the original, circles the hull."""
-FLOOR = 1e-4
-"""Least error on the logarithmic axis; what is less lies on it."""
+"""source/antialias -> colour, and whether its marker is a square: squares draw the original, circles the hull."""
 
 
 @dataclass(frozen=True)
-class Axis:
-    """Values to pixels. ticks: (value, its text)."""
+class Panel:
+    """One of the two plots. front: numbers of the report's rungs, the fastest first. value: of a rung; told: the same in words.
 
-    low: float
-    high: float
-    start: float
-    end: float
-    log: bool
-    ticks: tuple[tuple[float, str], ...]
+    lane_y: where the front's numbers stand: at the side that no rung lies between the front and.
+    """
 
-    def at(self, value: float) -> float:
-        """Where a value lies, pixels."""
-        if self.log:
-            part = (math.log(max(value, self.low)) - math.log(self.low)) / (math.log(self.high) - math.log(self.low))
-        else:
-            part = (value - self.low) / (self.high - self.low)
-        return self.start + part * (self.end - self.start)
+    report: AccuracyReport
+    x: Axis
+    y: Axis
+    front: list[int]
+    value: Callable[[AccuracyRung], float]
+    told: Callable[[AccuracyRung], str]
+    lane_y: float
+
+    def place(self, number: int) -> tuple[float, float]:
+        """Where a rung lies, pixels."""
+        rung = self.report.rungs[number]
+        return self.x.at(rung.ms), self.y.at(self.value(rung))
+
+    @property
+    def named(self) -> list[int]:
+        """Those of the front that have a number in the plot, which is their place here, from 1."""
+        return [self.front[i] for i in farthest_apart([self.place(number) for number in self.front], MOST_NAMED)]
 
 
-def accuracy_svg(report: AccuracyReport) -> str:
-    """The plot of a report: left the outline's error, right the shading's, both against the time of a frame."""
-    x_ticks = _log_ticks(min(rung.ms for rung in report.rungs), max(rung.ms for rung in report.rungs))
-    errors = [max(rung.alpha_error, FLOOR) for rung in report.rungs]
-    y_ticks = _log_ticks(min(errors), max(errors))
-    decibels = [rung.psnr_db for rung in report.rungs]
-    left = _panel(report, PANELS[0], x_ticks, _axis(y_ticks), lambda rung: max(rung.alpha_error, FLOOR), report.pareto.outline, "a")
-    right = _panel(
-        report, PANELS[1], x_ticks, _linear_axis(min(decibels), max(decibels)), lambda rung: rung.psnr_db, report.pareto.shading, "b"
-    )
-    measured = f"{report.size} x {report.size} pixels, {report.views} views, against {report.samples**2} samples a pixel"
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}" '
-        'font-family="system-ui, sans-serif" font-size="12" fill="#24292f">',
-        f'<rect width="{WIDTH}" height="{HEIGHT}" rx="8" fill="#ffffff" stroke="#d0d7de"/>',
-        _text(24, 34, f"What accuracy costs: {report.name}", size=18, weight=600),
-        _text(24, 54, measured, fill="#57606a"),
-        _text(24, 70, report.device, fill="#57606a"),
-        _text(PANELS[0][0], TOP - 8, "Outline: mean error of alpha on its pixels (down is better)", weight=600),
-        _text(PANELS[1][0], TOP - 8, "Shading: PSNR in decibels (up is better)", weight=600),
-        *left, *right,
-        *_key(), *_names(report, report.pareto.outline, PANELS[0][0], "a"), *_names(report, report.pareto.shading, PANELS[1][0], "b"),
-        "</svg>",
-    ]  # fmt: skip
+def accuracy_svg(report: AccuracyReport, faces: int | None = None) -> str:
+    """The plot of a report: left the outline's error, right the shading's, both against the time of a frame. faces: of the mesh."""
+    outline, shading = _outline(report), _shading(report)
+    rows = max(len(outline.named), len(shading.named))
+    parts = [svg.open_svg(WIDTH, TABLE_Y + ROW * rows + 16, f"Error against milliseconds of {report.name}"), *_head(report, faces)]
+    parts += _panel(outline, "Outline: mean error of alpha, 0 to 1", "down is better")
+    parts += _panel(shading, "Shading: PSNR, dB", "up is better")
+    parts += [*_key(report), *_table(outline, "error", TABLES[0]), *_table(shading, "PSNR", TABLES[1]), "</svg>"]
     return "\n".join(parts)
 
 
-def _panel(
-    report: AccuracyReport, sides: tuple[int, int], x_ticks: Sequence[float], y: Axis, value: Callable[[AccuracyRung], float],
-    best: Sequence[int], prefix: str,
-) -> list[str]:  # fmt: skip
-    """One plot: grid, all points small and faint, the front as steps and its points large and numbered."""
-    left, right = sides
-    x = Axis(x_ticks[0], x_ticks[-1], left, right, True, tuple((tick, _number(tick)) for tick in x_ticks))
-    parts = [f'<rect x="{left}" y="{TOP}" width="{right - left}" height="{BOTTOM - TOP}" fill="#f6f8fa"/>']
-    for tick, text in x.ticks:
-        parts += [_line(x.at(tick), TOP, x.at(tick), BOTTOM, "#d8dee4"), _text(x.at(tick), BOTTOM + 16, text, anchor="middle")]
-    for tick, text in y.ticks:
-        parts += [_line(left, y.at(tick), right, y.at(tick), "#d8dee4"), _text(left - 6, y.at(tick) + 4, text, anchor="end")]
-    parts.append(_text((left + right) / 2, BOTTOM + 34, "milliseconds a frame", anchor="middle", fill="#57606a"))
-    many = len(report.rungs) > 40
-    for number, rung in enumerate(report.rungs):
-        if number not in best:
-            parts.append(_point(x.at(rung.ms), y.at(value(rung)), rung, 2.5 if many else 4.0, 0.35 if many else 0.7))
-    corners = [(x.at(report.rungs[i].ms), y.at(value(report.rungs[i]))) for i in best]
-    path = " ".join(f"{'H' if k else 'M'} {px:.1f} {'V ' if k else ''}{py:.1f}" for k, (px, py) in enumerate(corners))
-    parts.append(f'<path d="{path}" fill="none" stroke="#24292f" stroke-width="1.2" stroke-dasharray="4 3"/>')
-    taken: list[tuple[float, float]] = []
-    for place, (i, (px, py)) in enumerate(zip(best, corners, strict=True)):
-        parts.append(_point(px, py, report.rungs[i], 5.5, 1.0))
-        if place in _named(len(best)):
-            parts += _mark(px, py, f"{prefix}{place + 1}", taken, left, right)
+def _outline(report: AccuracyReport) -> Panel:
+    errors = [rung.alpha_error for rung in report.rungs]
+    zero = float(BOTTOM - LANE - 4)
+    has_zero = min(errors) <= 0.0
+    y = log_axis(errors, zero - ZERO if has_zero else BOTTOM - LANE, TOP + 8, zero)
+    return Panel(
+        report, _time_axis(report, 0), y, report.pareto.outline, lambda r: r.alpha_error, lambda r: f"{r.alpha_error:.2g}", BOTTOM - 12
+    )
+
+
+def _shading(report: AccuracyReport) -> Panel:
+    y = linear_axis([rung.psnr_db for rung in report.rungs], BOTTOM - 8, TOP + LANE)
+    return Panel(report, _time_axis(report, 1), y, report.pareto.shading, lambda r: r.psnr_db, lambda r: f"{r.psnr_db:.1f} dB", TOP + 12)
+
+
+def _time_axis(report: AccuracyReport, panel: int) -> Axis:
+    return log_axis([rung.ms for rung in report.rungs], *map(float, PANELS[panel]))
+
+
+def _head(report: AccuracyReport, faces: int | None) -> list[str]:
+    of_mesh = "" if faces is None else f"{faces:,} faces · "
+    measured = f"{of_mesh}{report.size} × {report.size} pixels · {report.views} views · against {report.samples**2} samples a pixel"
+    how = "measured" if any(rung.ms_p95 is not None for rung in report.rungs) else "predicted"
+    return [
+        svg.text(MARGIN, 34, svg.shortened(f"What accuracy costs: {report.name}", 70), size=17, bold=True),
+        svg.text(MARGIN, 54, measured, fill=svg.QUIET),
+        svg.text(MARGIN, 71, svg.shortened(f"Times {how} on {report.device}", 130), fill=svg.QUIET),
+    ]
+
+
+def _panel(panel: Panel, title: str, better: str) -> list[str]:
+    """Grid and axes, all rungs, then the front as steps with its rungs large and numbered."""
+    left, right = panel.x.start, panel.x.end
+    parts = [
+        svg.text(left, TOP - 9, title, bold=True),
+        svg.text(right, TOP - 9, better, anchor="end", size=11, fill=svg.QUIET),
+        f'<rect x="{left}" y="{TOP}" width="{right - left}" height="{BOTTOM - TOP}" fill="{svg.GROUND}"/>',
+    ]
+    for tick, words in panel.x.ticks:
+        at = panel.x.at(tick)
+        parts += [svg.line(at, TOP, at, BOTTOM), svg.text(at, BOTTOM + 16, words, anchor="middle", size=11)]
+    for tick, words in panel.y.ticks:
+        at = panel.y.at(tick)
+        parts += [svg.line(left, at, right, at), svg.text(left - 7, at + 4, words, anchor="end", size=11)]
+    parts += [
+        svg.line(left, BOTTOM, right, BOTTOM, svg.QUIET),
+        svg.line(left, TOP, left, BOTTOM, svg.QUIET),
+        svg.text((left + right) / 2, BOTTOM + 34, "milliseconds a frame", anchor="middle", size=11, fill=svg.QUIET),
+    ]
+    many = len(panel.report.rungs) > MANY
+    beside = sorted(set(range(len(panel.report.rungs))) - set(panel.front))
+    parts += [_point(panel, number, 2.7 if many else 4.0, 0.4 if many else 0.7) for number in beside]
+    parts.append(svg.steps([panel.place(number) for number in panel.front], right))
+    return parts + _leaders(panel) + [_point(panel, number, 5.5, 1.0) for number in panel.front] + _badges(panel)
+
+
+def _point(panel: Panel, number: int, radius: float, opacity: float) -> str:
+    rung = panel.report.rungs[number]
+    color, square = STYLES[_style(rung)]
+    bound = "" if rung.bound_px is None else f", outline certified to {rung.bound_px:.2g} px"
+    told = f"{rung.name}: {_ms(rung)} ms, error {rung.alpha_error:.2g}, {rung.psnr_db:.1f} dB{bound}"
+    x, y = panel.place(number)
+    return svg.marker(x, y, radius, square=square, color=color, hollow=rung.level is not None, opacity=opacity, told=told)
+
+
+def _lane(panel: Panel) -> list[float]:
+    """Where the numbers of the named rungs stand along the panel's lane."""
+    half = svg.BADGE_WIDTH / 2 + 2
+    return spread([panel.place(n)[0] for n in panel.named], svg.BADGE_WIDTH + 3, panel.x.start + half, panel.x.end - half)
+
+
+def _leaders(panel: Panel) -> list[str]:
+    return [svg.line(*panel.place(n), at, panel.lane_y, svg.QUIET, 0.8) for n, at in zip(panel.named, _lane(panel), strict=True)]
+
+
+def _badges(panel: Panel) -> list[str]:
+    return [svg.badge(at, panel.lane_y, str(place)) for place, at in enumerate(_lane(panel), 1)]
+
+
+def _key(report: AccuracyReport) -> list[str]:
+    """What markers and lines are; only those that occur."""
+    parts, x = [], MARGIN + 6.0
+    for name, (color, square) in STYLES.items():
+        if any(_style(rung) == name for rung in report.rungs):
+            parts += [svg.marker(x, KEY_Y - 4, 5.0, square=square, color=color, hollow=False), svg.text(x + 11, KEY_Y, name)]
+            x += 29.0 + WIDE_LETTER * len(name)
+    x = MARGIN + 6.0
+    if any(rung.level is not None for rung in report.rungs):
+        color, square = STYLES["clipped/coverage"]
+        parts.append(svg.marker(x, SIGNS_Y - 4, 4.5, square=square, color=color, hollow=True))
+        parts.append(svg.text(x + 11, SIGNS_Y, "hollow: the outline is a coarser level's"))
+        x += 300.0
+    parts.append(svg.steps([(x - 6, SIGNS_Y - 1.0), (x + 6, SIGNS_Y - 8.0)], x + 14))
+    return [*parts, svg.text(x + 22, SIGNS_Y, "best for the time: nothing faster is as exact")]
+
+
+def _table(panel: Panel, quantity: str, left: float) -> list[str]:
+    """The numbered rungs of a front in words."""
+    parts = [
+        svg.text(left + 60, TABLE_Y - 4, "ms", anchor="end", size=11, bold=True),
+        svg.text(left + 118, TABLE_Y - 4, quantity, anchor="end", size=11, bold=True),
+        svg.text(left + 130, TABLE_Y - 4, "drawn", size=11, bold=True),
+    ]
+    for row, number in enumerate(panel.named, 1):
+        rung, y = panel.report.rungs[number], TABLE_Y + ROW * row - 3
+        parts += [
+            svg.badge(left + 10, y - 4, str(row)),
+            svg.text(left + 60, y, _ms(rung), anchor="end", size=11),
+            svg.text(left + 118, y, panel.told(rung), anchor="end", size=11),
+            svg.text(left + 130, y, svg.shortened(rung.name, 52), size=11),
+        ]
     return parts
 
 
-def _named(count: int) -> list[int]:
-    """Places of a front that are named: its ends, and evenly between."""
-    if count <= MOST_NAMED:
-        return list(range(count))
-    return sorted({round(k * (count - 1) / (MOST_NAMED - 1)) for k in range(MOST_NAMED)})
+def _ms(rung: AccuracyRung) -> str:
+    """Three digits."""
+    return f"{rung.ms:.2f}" if rung.ms < 10.0 else f"{rung.ms:.1f}" if rung.ms < 100.0 else f"{rung.ms:.0f}"
 
 
-def _mark(px: float, py: float, text: str, taken: list[tuple[float, float]], left: float, right: float) -> list[str]:
-    """A point's number beside it, where no other number is."""
-    offsets = [(10, -8), (10, 14), (-24, -8), (-24, 14), (10, -22), (10, 28), (-24, -22), (-24, 28), (26, -8), (26, 14), (-42, 3), (42, 3)]
-    for dx, dy in offsets:
-        x, y = px + dx, py + dy
-        if all(abs(x - a) > 20 or abs(y - b) > 12 for a, b in taken) and left <= x <= right - 16 and TOP + 8 <= y <= BOTTOM - 2:
-            break
-    taken.append((x, y))
-    return [_line(px, py, x + 6, y - 4, "#8c959f"), _text(x, y, text, weight=600)]
-
-
-def _key() -> list[str]:
-    """What the markers are."""
-    parts, x = [], 24.0
-    for name in STYLES:
-        parts += [_marker(x + 5, LEGEND_Y - 4, name, 5.0, 1.0), _text(x + 15, LEGEND_Y, name)]
-        x += 132
-    return parts
-
-
-def _names(report: AccuracyReport, best: Sequence[int], left: int, prefix: str) -> list[str]:
-    """The points of a front that have numbers, in words."""
-    parts = []
-    for row, place in enumerate(_named(len(best))):
-        rung = report.rungs[best[place]]
-        value = f"error {_number(rung.alpha_error)}" if prefix == "a" else f"{rung.psnr_db:.1f} dB"
-        text = f"{prefix}{place + 1}  {_number(rung.ms)} ms, {value}: {rung.name}"
-        parts.append(_text(left - 48 if prefix == "a" else left - 30, LEGEND_Y + 22 + ROW * row, text, size=11))
-    return parts
-
-
-def _point(x: float, y: float, rung: AccuracyRung, radius: float, opacity: float) -> str:
-    bound = "" if rung.bound_px is None else f", certified {rung.bound_px:.3g} px"
-    told = f"{rung.name}: {rung.ms:.3g} ms, alpha error {rung.alpha_error:.3g}, {rung.psnr_db:.1f} dB{bound}"
-    return f"<g><title>{escape(told)}</title>{_marker(x, y, f'{rung.source.value}/{rung.antialias.value}', radius, opacity)}</g>"
-
-
-def _marker(x: float, y: float, style: str, radius: float, opacity: float) -> str:
-    color, shape = STYLES[style]
-    if shape == "square":
-        place = f'x="{x - radius:.1f}" y="{y - radius:.1f}" width="{2 * radius}" height="{2 * radius}"'
-        return f'<rect {place} fill="{color}" opacity="{opacity}"/>'
-    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{color}" opacity="{opacity}"/>'
-
-
-def _axis(ticks: Sequence[float]) -> Axis:
-    texts = tuple((tick, "0" if tick <= FLOOR else _number(tick)) for tick in ticks)
-    return Axis(ticks[0], ticks[-1], BOTTOM, TOP, True, texts)
-
-
-def _linear_axis(low: float, high: float) -> Axis:
-    """From a multiple of its step to another."""
-    step = next(s for s in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0) if (high - low) / s <= 8.0)
-    first, last = math.floor(low / step) * step, math.ceil(high / step) * step
-    last = last if last > first else first + step
-    count = round((last - first) / step)
-    return Axis(first, last, BOTTOM, TOP, False, tuple((first + k * step, f"{first + k * step:g}") for k in range(count + 1)))
-
-
-def _log_ticks(low: float, high: float) -> list[float]:
-    """1, 2, 5, 10, ... about the values; only powers of ten where these would be many."""
-    low, high = max(low, FLOOR), max(high, 2.0 * FLOOR)
-    decades = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 2)
-    steps = (1.0, 2.0, 5.0) if math.log10(high / low) < 2.5 else (1.0,)
-    ticks = [step * 10.0**decade for decade in decades for step in steps]
-    first = max(tick for tick in ticks if tick <= low * 1.0001)
-    last = min(tick for tick in ticks if tick >= high * 0.9999 and tick > first)
-    return [tick for tick in ticks if first <= tick <= last]
-
-
-def _number(value: float) -> str:
-    """Two or three digits, without an exponent where that reads well."""
-    return f"{value:.3g}" if value >= 1.0 else f"{value:.2g}"
-
-
-def _text(x: float, y: float, text: str, *, anchor: str = "start", size: int = 12, weight: int = 400, fill: str = "#24292f") -> str:
-    style = f'text-anchor="{anchor}" font-size="{size}" font-weight="{weight}" fill={quoteattr(fill)}'
-    return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{escape(text)}</text>'
-
-
-def _line(x0: float, y0: float, x1: float, y1: float, color: str) -> str:
-    return f'<line x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}" stroke="{color}" stroke-width="0.8"/>'
+def _style(rung: AccuracyRung) -> str:
+    return f"{rung.source.value}/{rung.antialias.value}"

@@ -8,6 +8,7 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
 from schemas.errors import BusyError, NotReadyError
+from schemas.jobs import LATER_STAGES
 from schemas.ladder import AccuracyReport, Ladder
 from schemas.manifest import Manifest
 from service.accuracy.plot import accuracy_svg
@@ -17,7 +18,7 @@ from service.caching import REVALIDATE, entity_tag, not_modified
 from service.costs import ViewTerms, added_px
 from service.errors import FailedMeshError
 from service.negotiation import JSON, choose
-from service.routes.documented import problems
+from service.routes.documented import ACCURACY_EXAMPLE, problems
 from service.rungs import key_of
 from service.state import Parts, Services
 from service.waiting import wait_for
@@ -32,7 +33,7 @@ Device = Annotated[str | None, Query(description="renderer that the times are of
 ANSWERS: dict[str, Any] = {
     "response_class": Response,
     "responses": {
-        200: {"description": "The ladder", "content": {JSON: {"schema": AccuracyReport.model_json_schema()}, SVG: {}}},
+        200: {"model": AccuracyReport, "description": "The ladder", "content": {JSON: {"example": ACCURACY_EXAMPLE}, SVG: {}}},
         304: {"description": "The client has it already"},
         **problems(404, 406, 409, 422, 503),
     },
@@ -56,7 +57,8 @@ async def _answer(mesh_id: str, size: int | None, device: str | None, media: str
     info = await to_thread.run_sync(parts.meshes.info, mesh_id)
     work = parts.cpu.submit(_report, parts, manifest, info.name, size, device)
     report = await wait_for(request, work, parts.settings.render_timeout_s)
-    body = accuracy_svg(report) if media == SVG else report.model_dump_json(exclude_none=True)
+    faces = None if manifest.stats is None else manifest.stats.faces
+    body = accuracy_svg(report, faces) if media == SVG else report.model_dump_json(exclude_none=True)
     tag = entity_tag(mesh_id, media, body)
     if answer := not_modified(request, tag, REVALIDATE):
         return answer
@@ -74,9 +76,9 @@ def _ladder(parts: Services, manifest: Manifest) -> Ladder:
     ladder = None if manifest.status != "ready" else parts.assets.get(manifest).ladder
     if ladder is not None:
         return ladder
-    failed = parts.meshes.fault_of(manifest.id, "measure")
-    if failed is not None:
-        raise FailedMeshError(failed)
+    for stage in LATER_STAGES:  # the first that failed: what comes after it is skipped
+        if (failed := parts.meshes.fault_of(manifest.id, stage)) is not None:
+            raise FailedMeshError(failed)
     if not parts.settings.measure:
         raise NotReadyError("This mesh has not been measured, and measuring is switched off here (SILHOUETTE_MEASURE).", mesh=manifest.id)
     raise NotReadyError("This mesh has not been measured yet; that comes by itself when nothing else is to be done.", mesh=manifest.id)

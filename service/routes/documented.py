@@ -30,6 +30,37 @@ IMAGE_HEADERS: dict[str, Any] = {
     "ETag": {"schema": {"type": "string"}},
 }
 
+ACCURACY_EXAMPLE: dict[str, Any] = {
+    "mesh": "3f2a917c5be04d1f8a6c0d9e2b7f4a11",
+    "name": "bunny.ply",
+    "size": 512,
+    "sizes": [256, 512],
+    "device": "llvmpipe (LLVM 15.0.6, 256 bits)",
+    "devices": ["llvmpipe (LLVM 15.0.6, 256 bits)"],
+    "views": 12,
+    "samples": 16,
+    "rungs": [
+        {
+            "source": "clipped",
+            "antialias": "coverage",
+            "hull_faces": 1000,
+            "texels": 1012,
+            "name": "clipped/coverage, 1000 faces, 1012 texels",
+            "bound_px": 0.00196,
+            "alpha_error": 0.0026,
+            "alpha_rmse": 0.0047,
+            "distance_px": 0.012,
+            "wrong_pixels": 0.0,
+            "psnr_db": 32.6,
+            "ssim": 0.981,
+            "ms": 4.58,
+            "ms_p95": 5.02,
+            "passes": {"edges": {"p50_ms": 0.21, "p95_ms": 0.24}, "surface": {"p50_ms": 2.47, "p95_ms": 2.8}},
+        },
+    ],
+    "pareto": {"outline": [0], "shading": [0]},
+}
+
 RAW_FORMAT = "application/octet-stream"
 
 
