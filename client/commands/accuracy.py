@@ -11,10 +11,12 @@ from rich.table import Column, Table
 from client.api import DEFAULT_URL
 from client.commands.choosing import MeshArgument, Url, chosen
 from client.commands.console import escaped, out, write
-from schemas.ladder import AccuracyReport, AccuracyRung
+from schemas.ladder import AccuracyReport
+from schemas.render import Antialias, Source
 
-OUTLINE_MARK, SHADING_MARK = "o", "s"
-"""Rungs of the fronts: no other one beats their outline, or their shading, in as little time."""
+COLUMNS = ("best", "ms", "error", "bound px", "dB", "drawn", "level", "faces", "texels")
+"""error: mean of alpha's; dB: PSNR of shading; level: that the outline is of; faces, texels: of the hull and its maps."""
+WORDS = ("best", "drawn")
 
 
 def accuracy(
@@ -22,7 +24,9 @@ def accuracy(
     *,
     size: Annotated[int | None, typer.Option(min=1, help="Pixels a side of the pictures: the nearest measured size.")] = None,
     device: Annotated[str | None, typer.Option(help="Renderer that the times are of; without, the one that was measured on.")] = None,
-    everything: Annotated[bool, typer.Option("--all", help="All rungs, not only those that are worth having.")] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", help="All rungs, not only the best for their time and what each antialias draws by itself.")
+    ] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the plot here, as SVG.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
     url: Url = DEFAULT_URL,
@@ -45,34 +49,37 @@ def accuracy(
 
 
 def _print(report: AccuracyReport, everything: bool) -> None:
-    fronts = {number for best in (report.pareto.outline, report.pareto.shading) for number in best}
-    shown = [n for n in range(len(report.rungs)) if everything or n in fronts]
-    shown.sort(key=lambda n: report.rungs[n].ms)
-    table = Table(
-        Column("", width=2, no_wrap=True),
-        Column("ms", justify="right", no_wrap=True),
-        Column("alpha error", justify="right", no_wrap=True),
-        Column("bound px", justify="right", no_wrap=True),
-        Column("PSNR dB", justify="right", no_wrap=True),
-        Column("rung", overflow="fold"),
-        box=None,
-        header_style="bold",
-    )
-    for number in shown:
-        rung = report.rungs[number]
-        marks = (OUTLINE_MARK if number in report.pareto.outline else "") + (SHADING_MARK if number in report.pareto.shading else "")
-        bound = "-" if rung.bound_px is None else f"{rung.bound_px:.3g}"
-        table.add_row(f"[green]{marks}", f"{rung.ms:.2f}", f"{rung.alpha_error:.4f}", bound, f"{rung.psnr_db:.1f}", _named(rung))
-    out.print(
-        f"[bold]{escaped(report.name)}[/], {report.size} x {report.size} px, {report.views} views, on {escaped(report.device)}",
-        highlight=False,
-    )
+    shown = set(range(len(report.rungs))) if everything else {*report.pareto.outline, *report.pareto.shading, *_defaults(report)}
+    left = "" if everything else f", {len(report.rungs) - len(shown)} more with --all"
+    table = Table(*(Column(name, justify="left" if name in WORDS else "right", no_wrap=True) for name in COLUMNS), box=None)
+    for number in sorted(shown, key=lambda n: report.rungs[n].ms):
+        table.add_row(*_row(report, number))
+    measured = "measured" if any(rung.ms_p95 is not None for rung in report.rungs) else "predicted"
+    size = f"{report.size} x {report.size} px, {report.views} views"
+    out.print(f"[bold]{escaped(report.name)}[/], {size}, times {measured} on {escaped(report.device)}", highlight=False, soft_wrap=True)
     out.print(table)
-    left = "" if everything else f"; {len(report.rungs) - len(shown)} more with --all"
-    out.print(
-        f"{OUTLINE_MARK}: no faster outline is as exact, {SHADING_MARK}: no faster shading is as exact{left}", style="dim", highlight=False
+    told = f"best: in no more time there is no better outline, shading, or both{left}"
+    out.print(told, style="dim", highlight=False, soft_wrap=True)
+
+
+def _row(report: AccuracyReport, number: int) -> tuple[str, ...]:
+    rung, outline, shading = report.rungs[number], number in report.pareto.outline, number in report.pareto.shading
+    best = "both" if outline and shading else "outline" if outline else "shading" if shading else ""
+    return (
+        f"[green]{best}",
+        f"{rung.ms:.2f}",
+        f"{rung.alpha_error:.4f}",
+        "-" if rung.bound_px is None else f"{rung.bound_px:.3g}",
+        f"{rung.psnr_db:.1f}",
+        f"{rung.source.value}/{rung.antialias.value}",
+        *("-" if part is None else f"{part}" for part in (rung.level, rung.hull_faces, rung.texels)),
     )
 
 
-def _named(rung: AccuracyRung) -> str:
-    return escaped(rung.name)
+def _defaults(report: AccuracyReport) -> list[int]:
+    """The first rung of each source and antialias, with the mesh's own outline: what a request that names only these draws."""
+    first: dict[tuple[Source, Antialias], int] = {}
+    for number, rung in enumerate(report.rungs):
+        if rung.level is None:
+            first.setdefault((rung.source, rung.antialias), number)
+    return list(first.values())

@@ -73,3 +73,14 @@ def test_a_real_ladder_knows_times_of_this_services_renderer(gpu):
     assert {rung.label for rung in ladder.rungs} <= {key.label for key in asset.rungs.keys}
     report = accuracy_report("0" * 32, "knot", ladder, 64, None, {})
     assert [report.rungs[n].ms for n in report.pareto.outline] == sorted(report.rungs[n].ms for n in report.pareto.outline)
+
+
+def test_where_other_hulls_failed_that_is_why_nothing_was_measured(http, accepted):  # noqa: F811
+    url, work = accepted
+    work.run(*STAGES)
+    work.finish()
+    problem = {"title": "Preprocessing failed", "status": 422, "detail": "No room for hulls.", "code": "stage-failed"}
+    work.record(StageRecord(stage="hulls", outcome="failed", seconds=0.0, error=problem))
+    work.record(StageRecord(stage="measure", outcome="skipped", seconds=0.0))
+    answer = http.get(f"{url}/accuracy")
+    assert (answer.status_code, answer.json()["detail"]) == (422, "No room for hulls.")
