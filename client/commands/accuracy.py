@@ -14,8 +14,9 @@ from client.commands.console import escaped, out, write
 from schemas.ladder import AccuracyReport
 from schemas.render import Antialias, Source
 
-COLUMNS = ("best", "ms", "error", "bound px", "dB", "drawn", "level", "faces", "texels")
-"""error: mean of alpha's; dB: PSNR of shading; level: that the outline is of; faces, texels: of the hull and its maps."""
+COLUMNS = ("best", "ms", "error", "bound", "dB", "drawn", "level", "faces", "texels")
+"""error: mean of alpha's; bound: certified, pixels; dB: PSNR of shading; level: that the outline is of; faces and texels are of the
+hull and its maps."""
 WORDS = ("best", "drawn")
 
 
