@@ -7,110 +7,138 @@ import math
 import numpy as np
 from numba import njit
 
+from geometry.borrowing import borrowing
 from geometry.tile_layout import texel_at
-from service.kernels.compositing import srgb_byte
 
 
 @njit(cache=True, nogil=True)
-def _decode(texel, colour, table, out):
-    """A texel (c,) u1 as numbers that can be averaged: bytes, or premultiplied linear light and alpha."""
-    if not colour:
-        for k in range(3):
-            out[k] = texel[k]
-        return
-    alpha = texel[3] / 255.0
-    for k in range(3):
-        out[k] = table[texel[k]] * alpha
-    out[3] = alpha
-
-
-@njit(cache=True, nogil=True)
-def _encode(value, colour, texel):
-    """The reverse, rounded."""
-    if not colour:
-        for k in range(3):
-            texel[k] = np.uint8(min(max(value[k], 0.0), 255.0) + 0.5)
-        return
-    alpha = min(max(value[3], 0.0), 1.0)
-    for k in range(3):
-        light = min(max(value[k] / alpha, 0.0), 1.0) if alpha > 0.0 else 0.0
-        texel[k] = srgb_byte(light)
-    texel[3] = np.uint8(alpha * 255.0 + 0.5)
-
-
-@njit(cache=True, nogil=True)
-def _gather(image, face, side, columns, colour, table, tile):
-    """The lattice points of a face's tile: tile (side + 1, side + 1, 4) f8, [j, i]."""
-    for j in range(side + 1):
-        for i in range(side + 1 - j):
-            row, column = texel_at(face, i, j, side, columns)
-            _decode(image[row, column], colour, table, tile[j, i])
-
-
-@njit(cache=True, nogil=True)
-def _mean(tile, side, x, y, reach, along, out):
-    """Tent-weighted mean over the lattice points within reach of (x, y), i and j. along: 0 for all of them, 1 for those with j = 0,
-    2 for those with i = 0, 3 for those on the hypotenuse.
+def tents(side, small_side):
+    """Tents on the fine points about each coarse one, along a leg: (first fine point (n,) i8, weights (n, taps) f8, 0 where there is
+    none).
     """
-    out[:] = 0.0
-    total = 0.0
-    for j in range(max(0, math.ceil(y - reach)), min(side, math.floor(y + reach)) + 1):
-        for i in range(max(0, math.ceil(x - reach)), min(side - j, math.floor(x + reach)) + 1):
-            if (along == 1 and j != 0) or (along == 2 and i != 0) or (along == 3 and i + j != side):
+    step = side / small_side
+    reach = max(step, 1.0)
+    taps = math.floor(2.0 * reach) + 1
+    first, weights = np.zeros(small_side + 1, np.int64), np.zeros((small_side + 1, taps))
+    for n in range(small_side + 1):
+        middle = n * step
+        first[n] = max(0, math.ceil(middle - reach))
+        for k in range(min(taps, side + 1 - first[n])):
+            weights[n, k] = max(0.0, 1.0 - abs(first[n] + k - middle) / reach)
+    return first, weights
+
+
+@borrowing
+def _gather(image, face, side, columns, colour, table, tile):
+    """The lattice points of a face's tile as numbers that can be averaged: tile (side + 1, side + 1, 4) f8, [j, i], bytes, or
+    premultiplied linear light and alpha.
+    """
+    row, column = texel_at(face, 0, 0, side, columns)
+    way = 1 if face % 2 == 0 else -1
+    for j in range(side + 1):
+        y = row + way * j
+        for i in range(side + 1 - j):
+            x = column + way * i
+            if colour:
+                alpha = image[y, x, 3] / 255.0
+                for k in range(3):
+                    tile[j, i, k] = table[image[y, x, k]] * alpha
+                tile[j, i, 3] = alpha
+            else:
+                for k in range(3):
+                    tile[j, i, k] = image[y, x, k]
+
+
+@borrowing
+def _place(small, face, side, columns, colour, encoded, out):
+    """The reverse, rounded, with the padding: out (h, w, 3 or 4) u1."""
+    row, column = texel_at(face, 0, 0, side, columns)
+    way, top = 1 if face % 2 == 0 else -1, encoded.shape[0] - 1
+    for j in range(side + 2):
+        y = row + way * j
+        for i in range(side + 2 - j):
+            if i + j > side and (i == 0 or j == 0):
                 continue
-            weight = 1.0 - abs(i - x) / reach
-            if along == 2:
-                weight = 1.0 - abs(j - y) / reach
-            elif along == 0:
-                weight *= 1.0 - abs(j - y) / reach
-            if weight > 0.0:
-                for k in range(4):
-                    out[k] += weight * tile[j, i, k]
-                total += weight
+            x = column + way * i
+            if colour:
+                alpha = min(max(small[j, i, 3], 0.0), 1.0)
+                for k in range(3):
+                    light = min(max(small[j, i, k] / alpha, 0.0), 1.0) if alpha > 0.0 else 0.0
+                    out[y, x, k] = encoded[int(light * top + 0.5)]
+                out[y, x, 3] = np.uint8(alpha * 255.0 + 0.5)
+            else:
+                for k in range(3):
+                    out[y, x, k] = np.uint8(min(max(small[j, i, k], 0.0), 255.0) + 0.5)
+
+
+@borrowing
+def _mean_inside(tile, side, first, weights, i, j, small):
+    """small[j, i]: mean over the points of the triangle about it, weighted by the product of the tents."""
+    x, y, taps = first[i], first[j], weights.shape[1]
+    a, b, c, d, total = 0.0, 0.0, 0.0, 0.0, 0.0
+    for m in range(min(taps, side + 1 - y)):
+        row, up = y + m, weights[j, m]
+        for n in range(min(taps, side + 1 - row - x)):
+            weight = up * weights[i, n]
+            total += weight
+            a += weight * tile[row, x + n, 0]
+            b += weight * tile[row, x + n, 1]
+            c += weight * tile[row, x + n, 2]
+            d += weight * tile[row, x + n, 3]
+    part = 1.0 / total
+    small[j, i, 0], small[j, i, 1], small[j, i, 2], small[j, i, 3] = a * part, b * part, c * part, d * part
+
+
+@borrowing
+def _halve_side(tile, x, y, across, up, first, weights, n, small, i, j):
+    """small[j, i]: mean over the points [y + up m, x + across m] of a side, weighted by the tent about its n-th coarse point."""
+    total = 0.0
     for k in range(4):
-        out[k] /= total
+        small[j, i, k] = 0.0
+    for m in range(weights.shape[1]):
+        weight, at = weights[n, m], first[n] + m
+        if weight > 0.0:
+            total += weight
+            for k in range(4):
+                small[j, i, k] += weight * tile[y + up * at, x + across * at, k]
+    for k in range(4):
+        small[j, i, k] /= total
 
 
-@njit(cache=True, nogil=True)
-def _halve(tile, side, small_side, small):
+@borrowing
+def _halve(tile, side, small_side, first, weights, small):
     """Lattice points and padding of a tile of small_side: small (small_side + 2, small_side + 2, 4) f8, [j, i].
 
     Points on a side are means of points on that side, and corners are the corners: faces that share an edge agree along it as before.
     """
-    step = side / small_side
-    reach = max(step, 1.0)
-    for j in range(small_side + 1):
-        for i in range(small_side + 1 - j):
-            x, y = i * step, j * step
-            legs = (i == 0) + (j == 0) + (i + j == small_side)
-            if legs >= 2:
-                small[j, i] = tile[round(y), round(x)]
-            elif j == 0:
-                _mean(tile, side, x, 0.0, reach, 1, small[j, i])
-            elif i == 0:
-                _mean(tile, side, 0.0, y, reach, 2, small[j, i])
-            elif i + j == small_side:
-                _mean(tile, side, x, side - x, reach, 3, small[j, i])
-            else:
-                _mean(tile, side, x, y, reach, 0, small[j, i])
-    for i in range(1, small_side + 1):
-        j = small_side + 1 - i
+    last = small_side
+    for k in range(4):
+        small[0, 0, k], small[0, last, k], small[last, 0, k] = tile[0, 0, k], tile[0, side, k], tile[side, 0, k]
+    for n in range(1, last):
+        _halve_side(tile, 0, 0, 1, 0, first, weights, n, small, n, 0)
+        _halve_side(tile, 0, 0, 0, 1, first, weights, n, small, 0, n)
+        _halve_side(tile, 0, side, 1, -1, first, weights, n, small, n, last - n)
+    for j in range(1, last):
+        for i in range(1, last - j):
+            _mean_inside(tile, side, first, weights, i, j, small)
+    for i in range(1, last + 1):
+        j = last + 1 - i
         for k in range(4):
             small[j, i, k] = small[j - 1, i, k] + small[j, i - 1, k] - small[j - 1, i - 1, k]
 
 
 @njit(cache=True, nogil=True)
-def halve_tiles(image, faces, side, columns, small_side, colour, table, out):
+def halve_tiles(image, faces, side, columns, small_side, taps, light, scratch, out):
     """Fill out (h, w, c) u1 with the tiles of image (h, w, c) u1 at small_side steps a leg instead of side, in the same cells.
 
-    colour: whether texels are sRGB and straight alpha, averaged in linear light by table (256,) f8, and not directions.
+    taps: `tents` of the two sides. light: (whether texels are sRGB and straight alpha, averaged in linear light, and not directions;
+    linear (256,) f8: of each byte; encoded (n,) u1: the byte of each amount from 0 to 1).
+    scratch: ((side + 1, side + 1, 4), (small_side + 2, small_side + 2, 4)) f8.
     """
-    tile, small = np.zeros((side + 1, side + 1, 4)), np.zeros((small_side + 2, small_side + 2, 4))
+    first, weights = taps
+    colour, linear, encoded = light
+    tile, small = scratch
     for face in range(faces):
-        _gather(image, face, side, columns, colour, table, tile)
-        _halve(tile, side, small_side, small)
-        for j in range(small_side + 2):
-            for i in range(small_side + 2 - j):
-                if i + j <= small_side or (i > 0 and j > 0):
-                    row, column = texel_at(face, i, j, small_side, columns)
-                    _encode(small[j, i], colour, out[row, column])
+        _gather(image, face, side, columns, colour, linear, tile)
+        _halve(tile, side, small_side, first, weights, small)
+        _place(small, face, small_side, columns, colour, encoded, out)
