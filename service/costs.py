@@ -208,7 +208,7 @@ class CostModel:
             off = []
             for at in measured[key.label].sizes:
                 terms = _terms(facts[at.size].silhouette_edges, ViewTerms(facts[at.size].area_px, float(at.size**2)))
-                guess = float(mesh.costs[number, : TERMS - 1] @ terms) + mesh.costs[number, TERMS - 1] * added_px(at, key) * terms[3]
+                guess = float(predicted(mesh.costs, mesh.scale, terms, added_px(at, key), number))
                 if guess > 0.0 and at.frame.p50_ms > 0.0:
                     off.append(math.log(at.frame.p50_ms / guess))
             if off:

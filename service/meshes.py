@@ -72,11 +72,6 @@ class Meshes:
             )
         return manifest
 
-    def fault_of(self, mesh_id: str, stage: str) -> Problem | None:
-        """Why a stage of a mesh failed, if it did."""
-        record = records.read_stage(self._store, mesh_id, stage)
-        return None if record is None or record.outcome != "failed" else record.error
-
     def page(self, limit: int, after: str | None) -> MeshPage:
         """The `limit` meshes behind the place `after` (a `next` of an earlier page), newest first. Raises InvalidRequestError."""
         behind = None if after is None else _parse_place(after)

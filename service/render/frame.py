@@ -160,7 +160,7 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
     start, before = time.perf_counter(), gpu.gl.work
     plan = plan_frame(request, asset, view, gpu.costs)
     background = None if request.background == "transparent" else parse_color(request.background)
-    frame = FrameState(gpu, asset, request, plan, view, background, plan.level, area=plan.area)
+    frame = FrameState(gpu, asset, request, plan, view, background, area=plan.area)
     if frame.area.width:
         frame.grow_area()
     times = Timed(gpu, true_times)

@@ -142,8 +142,7 @@ class Gpu:
 @dataclass
 class FrameState:
     """One frame under way. background: sRGB bytes, None when transparent. area: the part of the image that can have anything
-    of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn. level: what the outline
-    is taken from, None for the mesh itself.
+    of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn.
     """
 
     gpu: Gpu
@@ -152,7 +151,6 @@ class FrameState:
     plan: Plan
     view: View
     background: Color | None
-    level: LevelInView | None = None
     image: U1 = field(default_factory=lambda: np.empty((0, 0, 4), np.uint8))
     edges: I4 = field(default_factory=lambda: np.empty((0, 2), np.int32))
     contours: Contours | None = None
@@ -165,6 +163,11 @@ class FrameState:
     target: Target | None = None
     placed: PlacedHull | None = None
     drawn: U1 | None = None
+
+    @property
+    def level(self) -> LevelInView | None:
+        """What the outline is taken from, None for the mesh itself."""
+        return self.plan.level
 
     @property
     def hull(self) -> DrawnHull | None:

@@ -8,7 +8,6 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
 from schemas.errors import BusyError, NotReadyError
-from schemas.jobs import LATER_STAGES
 from schemas.ladder import AccuracyReport, Ladder
 from schemas.manifest import Manifest
 from service.accuracy.plot import accuracy_svg
@@ -76,9 +75,9 @@ def _ladder(parts: Services, manifest: Manifest) -> Ladder:
     ladder = None if manifest.status != "ready" else parts.assets.get(manifest).ladder
     if ladder is not None:
         return ladder
-    for stage in LATER_STAGES:  # the first that failed: what comes after it is skipped
-        if (failed := parts.meshes.fault_of(manifest.id, stage)) is not None:
-            raise FailedMeshError(failed)
+    for record in manifest.stages:  # the first that failed: what comes after it is skipped
+        if record.outcome == "failed" and record.error is not None:
+            raise FailedMeshError(record.error)
     if not parts.settings.measure:
         raise NotReadyError("This mesh has not been measured, and measuring is switched off here (SILHOUETTE_MEASURE).", mesh=manifest.id)
     raise NotReadyError("This mesh has not been measured yet; that comes by itself when nothing else is to be done.", mesh=manifest.id)
