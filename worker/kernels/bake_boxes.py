@@ -180,7 +180,7 @@ def _beyond(a, b, c, x, y, z, best):
 
 @borrowing
 def closest_face(positions, faces, order, boxes, x, y, z, known, stack, near):
-    """(squared distance, face, s, t) of the triangle closest to (x, y, z), as `closest_on_triangle`.
+    """(squared distance, face, s, t) of the triangle closest to (x, y, z), as `closest_on_triangle`, and how many nodes were looked into.
 
     known: a face that may be close, -1 for none. stack i8, near f8 (STACK,): scratch.
     """
@@ -189,12 +189,13 @@ def closest_face(positions, faces, order, boxes, x, y, z, known, stack, near):
     if known >= 0:
         a, b, c = positions[faces[known, 0]], positions[faces[known, 1]], positions[faces[known, 2]]
         best, best_s, best_t = closest_on_triangle(a, b, c, x, y, z)
-    stack[0], near[0], top = 1, 0.0, 1
+    stack[0], near[0], top, visits = 1, 0.0, 1, 0
     while top > 0:
         top -= 1
         node = stack[top]
         if near[top] >= best:
             continue
+        visits += 1
         if node >= leaves:
             start = (node - leaves) * LEAF
             for i in range(start, min(start + LEAF, faces.shape[0])):
@@ -216,7 +217,7 @@ def closest_face(positions, faces, order, boxes, x, y, z, known, stack, near):
         if d2 < best:
             stack[top], near[top] = second, d2
             top += 1
-    return best, face, best_s, best_t
+    return best, face, best_s, best_t, visits
 
 
 @njit(cache=True, nogil=True)
@@ -227,6 +228,6 @@ def closest_points(positions, faces, order, boxes, points):
     stack, near = np.empty(STACK, np.int64), np.empty(STACK)
     for n in range(count):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        found[n], face[n], s, t = closest_face(positions, faces, order, boxes, x, y, z, -1, stack, near)
+        found[n], face[n], s, t, _ = closest_face(positions, faces, order, boxes, x, y, z, -1, stack, near)
         weights[n, 0], weights[n, 1], weights[n, 2] = 1.0 - s - t, s, t
     return face, weights, found

@@ -21,6 +21,9 @@ from worker.kernels.bake_boxes import STACK, closest_face, closest_on_triangle
 
 LOW, HIGH, CUTS_LEFT = 0, 1, 2
 """Entries of a state (3,) f8: largest squared distance of a point seen, largest squared bound of a piece done, cuts left."""
+USUAL_VISITS = 64
+"""Nodes that a search for a closest face looks into; one that looks into more, as about a vertex of very many edges, counts as so
+many cuts."""
 MOST_DEPTH = 60
 """Cuts from a face to a piece at most; 60 halve all three sides twenty times."""
 
@@ -32,7 +35,7 @@ def nearest_faces(positions, faces, order, boxes, points, begin, end, closest, s
     known = np.int64(0) if begin == 0 else np.int64(closest[begin - 1])
     for n in range(begin, end):
         x, y, z = np.float64(points[n, 0]), np.float64(points[n, 1]), np.float64(points[n, 2])
-        square, known, _, _ = closest_face(positions, faces, order, boxes, x, y, z, known, stack, near)
+        square, known, _, _, _ = closest_face(positions, faces, order, boxes, x, y, z, known, stack, near)
         closest[n] = known
         state[LOW] = max(state[LOW], square)
 
@@ -98,12 +101,12 @@ def bound_faces(positions, faces, order, boxes, points, triangles, closest, boun
                 k = _longest_side(piece)
                 i, j = 3 * k, 3 * ((k + 1) % 3)
                 x, y, z = 0.5 * (piece[i] + piece[j]), 0.5 * (piece[i + 1] + piece[j + 1]), 0.5 * (piece[i + 2] + piece[j + 2])
-                square, face, _, _ = closest_face(positions, faces, order, boxes, x, y, z, owner[k], stack, near)
+                square, face, _, _, visits = closest_face(positions, faces, order, boxes, x, y, z, owner[k], stack, near)
                 state[LOW] = max(state[LOW], square)
                 bound = min(bound, _furthest_corner(positions, faces, face, piece, bound))
                 enough = max(factor * state[LOW], floor * floor)
                 if bound > enough and state[CUTS_LEFT] > 0 and depths[row] < MOST_DEPTH:
-                    state[CUTS_LEFT] -= 1
+                    state[CUTS_LEFT] -= max(1, visits // USUAL_VISITS)
                     depths[row] += 1
                     pieces[top], owners[top], depths[top] = piece, owner, depths[row]
                     # the half in this row gives up corner k + 1, the half in the next one corner k
