@@ -19,6 +19,16 @@ HULL_FACES, TEXELS = 200, 256
 
 
 @pytest.fixture(scope="session")
+def gpu():
+    """The one context of this process's tests: a second would take its place."""
+    from service.render.state import Gpu
+
+    gpu = Gpu(64)
+    yield gpu
+    gpu.release()
+
+
+@pytest.fixture(scope="session")
 def service(tmp_path_factory):
     """A service of its own with one worker; refuses uploads over MAX_UPLOAD_MIB."""
     environment = {"SILHOUETTE_MAX_UPLOAD_MIB": str(MAX_UPLOAD_MIB), "SILHOUETTE_WARM_KERNELS": "0", "SILHOUETTE_MEASURE": "0"}
