@@ -50,7 +50,11 @@ class Frame:
         largest = float(np.abs(offset).max())
         if largest == 0.0:
             raise ValueError("all points are the same")
-        scale = largest * float(np.sqrt(((offset / largest) ** 2).sum(axis=1).max()))
+        squares = (offset / largest) ** 2
+        sums = squares.sum(axis=1)
+        # of the farthest points, summed in order of size: the same to the bit however the axes are turned
+        farthest = np.sort(squares[sums >= sums.max() * (1.0 - 1e-14)], axis=1).sum(axis=1).max()
+        scale = largest * float(np.sqrt(farthest))
         return cls((float(centre[0]), float(centre[1]), float(centre[2])), scale)
 
     def to_model(self, points: Array) -> F8:

@@ -59,7 +59,7 @@ def standpoints(positions, faces, hull=None):
         "at infinity": towards([0.3, -0.8, 0.52]),
     }
     inside = _somewhere(p, lambda points: winding_numbers(p, faces, points) > 0.99)
-    eyes["inside"] = at(inside)
+    eyes |= {} if inside is None else {"inside": at(inside)}
     if hull is not None:
         between = _somewhere(hull[0], lambda x: (winding_numbers(*hull, x) > 0.99) & (np.abs(winding_numbers(p, faces, x)) < 0.01))
         eyes |= {} if between is None else {"inside the hull only": at(between)}
