@@ -8,6 +8,7 @@ import pytest
 from geometry.shading import shading_normals
 from geometry.topology import build_edges
 from schemas.errors import CancelledError, CorruptArtifactError
+from tests import oracles
 from tests.meshes import bumpy_sphere, cube, joined, knot, normalised, shared, sphere, torus
 from worker.bake import bake_maps, hull_normals
 from worker.enclosure import NotEnclosedError, enclosure_fault
@@ -421,3 +422,27 @@ def test_the_bunny_passes_in_seconds():
     bunny = trimesh.load(shared("bunny_closed.ply"), process=False)
     report = verify_artifacts(*artifacts((np.asarray(bunny.vertices), np.asarray(bunny.faces, np.int32)), 1000, 1024), quiet)
     assert report["grazing_points"] == 0
+
+
+def strictly_crosses(p, q, a, b, c):
+    """By rational arithmetic: the ends lie strictly on two sides of the triangle's plane, and the segment meets the triangle."""
+    if oracles.orientation(a, b, c, (*p, 1)) * oracles.orientation(a, b, c, (*q, 1)) >= 0:
+        return False
+    turns = [oracles.orientation(p, q, s, (*e, 1)) for s, e in ((a, b), (b, c), (c, a))]
+    return min(turns) >= 0 or max(turns) <= 0
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-20, 1e15])
+def test_crossings_are_those_of_rational_arithmetic_whatever_touches(scale):
+    """On a coarse grid segments run through corners, sides and planes all the time, and many share a corner with a face."""
+    rng = np.random.default_rng(12)
+    positions = (rng.integers(0, 5, (40, 3)) * scale).astype(np.float32)
+    faces = rng.integers(0, 40, (60, 3)).astype(np.int32)
+    ends = rng.integers(0, 40, (50, 2))
+    starts, stops = positions[ends[:, 0]], positions[ends[:, 1]] + np.float32(0.5 * scale) * rng.integers(0, 2, (50, 1)).astype(np.float32)
+    order, boxes = bake_boxes.build_boxes(positions, faces)
+    pairs = np.empty((3000, 2), np.int32)
+    count = verify_enclosure.crossings(positions, faces, order, boxes, starts, stops, pairs)
+    expected = {(n, f) for n in range(50) for f in range(60) if strictly_crosses(starts[n], stops[n], *positions[faces[f]])}
+    assert {tuple(pair) for pair in pairs[:count].tolist()} == expected
+    assert len(expected) > 20

@@ -155,8 +155,37 @@ def _box_meets_triangle_box(box, a, b, c):
 
 
 @borrowing
-def _crossings_of(n, p, q, positions, faces, order, boxes, pairs, count, stack, about):
-    """count and the crossings of segment n, from p to q; stack (STACK,) i8, about (6,) f8: scratch."""
+def _plane(a, b, c, reach, plane):
+    """Plane through a, b, c into plane (5,) f8: normal, offset, and by what its value may be off where no coordinate exceeds reach."""
+    ax, ay, az = np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
+    ux, uy, uz, vx, vy, vz = b[0] - ax, b[1] - ay, b[2] - az, c[0] - ax, c[1] - ay, c[2] - az
+    plane[0], plane[1], plane[2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    plane[3] = -(plane[0] * ax + plane[1] * ay + plane[2] * az)
+    plane[4] = 8.0 * BESIDE_ERROR * reach * (abs(ux) + abs(uy) + abs(uz)) * (abs(vx) + abs(vy) + abs(vz)) + UNDERFLOW_GUARD
+
+
+@borrowing
+def _beside(plane, p, q):
+    """Whether p and q are certainly strictly on the same side of a plane of `_plane`."""
+    first = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3]
+    last = plane[0] * q[0] + plane[1] * q[1] + plane[2] * q[2] + plane[3]
+    return (first > plane[4] and last > plane[4]) or (first < -plane[4] and last < -plane[4])
+
+
+@borrowing
+def _shares_corner(p, q, a, b, c):
+    """Whether p or q is a corner of the triangle: it is on the plane then, and about a vertex of many edges most are."""
+    shared = False
+    for s in (p, q):
+        shared |= (s[0] == a[0] and s[1] == a[1] and s[2] == a[2]) or (s[0] == b[0] and s[1] == b[1] and s[2] == b[2])
+        shared |= s[0] == c[0] and s[1] == c[1] and s[2] == c[2]
+    return shared
+
+
+@borrowing
+def _crossings_of(n, p, q, corners, planes, order, boxes, pairs, count, stack, about):
+    """count and the crossings of segment n, from p to q; corners (f, 3, 3) f4 and planes (f, 5) f8 in the order of the leaves;
+    stack (STACK,) i8, about (6,) f8: scratch."""
     for k in range(3):
         about[k], about[3 + k] = min(p[k], q[k]), max(p[k], q[k])
     stack[0], top = 1, 1
@@ -164,12 +193,13 @@ def _crossings_of(n, p, q, positions, faces, order, boxes, pairs, count, stack, 
         leaf, top = _next_leaf(boxes, about, stack, top)
         if leaf < 0:
             return count
-        for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
-            f = order[i]
-            a, b, c = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
-            if _box_meets_triangle_box(about, a, b, c) and _crosses(p, q, a, b, c):
+        for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, order.shape[0])):
+            if _beside(planes[i], p, q):
+                continue
+            a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
+            if _box_meets_triangle_box(about, a, b, c) and not _shares_corner(p, q, a, b, c) and _crosses(p, q, a, b, c):
                 if count < pairs.shape[0]:
-                    pairs[count, 0], pairs[count, 1] = n, f
+                    pairs[count, 0], pairs[count, 1] = n, order[i]
                 count += 1
 
 
@@ -178,8 +208,17 @@ def crossings(positions, faces, order, boxes, starts, ends, pairs):
     """Number of crossings of segments from starts to ends (n, 3) f4 with the mesh; (segment, face) of the first into pairs (m, 2) i4."""
     count = 0
     stack, about = np.empty(STACK, np.int64), np.empty(6)
+    corners, planes = np.empty((order.shape[0], 3, 3), np.float32), np.empty((order.shape[0], 5))
+    reach = 0.0
+    for points in (positions, starts, ends):
+        for n in range(points.shape[0]):
+            reach = max(reach, abs(points[n, 0]), abs(points[n, 1]), abs(points[n, 2]))
+    for i in range(order.shape[0]):
+        for k in range(3):
+            corners[i, k] = positions[faces[order[i], k]]
+        _plane(corners[i, 0], corners[i, 1], corners[i, 2], reach, planes[i])
     for n in range(starts.shape[0]):
-        count = _crossings_of(n, starts[n], ends[n], positions, faces, order, boxes, pairs, count, stack, about)
+        count = _crossings_of(n, starts[n], ends[n], corners, planes, order, boxes, pairs, count, stack, about)
     return count
 
 
