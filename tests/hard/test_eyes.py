@@ -20,7 +20,7 @@ from service.render.frame import render_frame
 from service.silhouette.contours import link_contours
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.project import project_edges
-from tests import meshes, oracles
+from tests import oracles
 from tests.hard.standing import UNIT, framed, standpoints, unframed
 from tests.service.oracles import covered_by_rays
 from tests.service.render.made import clippable, grown
