@@ -54,6 +54,12 @@ def test_links_and_pictures_of_the_documentation_exist(page):
     assert [t for t in targets if not (path.parent / t).exists()] == []
 
 
+def test_tests_named_by_the_page_about_numerics_exist():
+    named = re.findall(r"`([a-z_/]+\.py)::(test_\w+)`", (DOCS / "numerics.md").read_text())
+    assert len(named) > 30
+    assert [(file, test) for file, test in named if f"def {test}(" not in (ROOT / "tests" / file).read_text()] == []
+
+
 @pytest.mark.parametrize("target", ["setup", "demo", "test", "bench", "check", "serve"])
 def test_make_targets_named_in_the_readme_exist(target):
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
