@@ -53,9 +53,9 @@ class Pipeline:
 
     def __init__(self, data_dir: Path) -> None:
         self.data_dir = data_dir
-        self._backend = EmbeddedBackend(data_dir, WORKERS, ENVIRONMENT)
 
     def __enter__(self) -> Pipeline:
+        self._backend = EmbeddedBackend(self.data_dir, WORKERS, ENVIRONMENT)
         self._backend.start()
         self.queue = JobQueue.open(BackendSettings(data_dir=self._backend.data_dir, redis_url=self._backend.redis_url))
         return self
@@ -122,6 +122,7 @@ def run(folder: Path, files: list[Path], views: int, side: int, ms_a_face: float
             progress.update(task, description=name)
             rows.append({"file": name} | row_of(pipeline, path, views, side, ms_a_face))
             progress.advance(task)
+            progress.console.print(f"{name}: {rows[-1]['outcome']}", markup=False, highlight=False)
     return {"meshes": rows, "bars": list(bars(rows))}
 
 
