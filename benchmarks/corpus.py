@@ -181,13 +181,13 @@ def bars(rows: list[Values]) -> Iterator[Values]:
 
 
 def print_table(result: Values) -> None:
-    head = ["file", "outcome", "faces", "hull", "s", "MiB", "encloses", "mismatches", "mask error", "worst", "reason"]
+    head = ["file", "outcome", "faces", "hull", "s", "MiB", "encloses", "mismatches", "mask error", "worst", "dB", "reason"]
     rows = []
     for row in result["meshes"]:
         figures = [number(row.get(key)) for key in ("faces", "hull_faces", "seconds", "peak_mib")]
         enclosed = {True: "yes", False: "NO", None: NONE}[row.get("enclosed")]
         errors = [number(row.get("mismatches")), *(number(row.get(key), 2) for key in ("mask_error", "mask_error_worst"))]
-        rows.append([row["file"], row["outcome"], *figures, enclosed, *errors, row["reason"] or ""])
+        rows.append([row["file"], row["outcome"], *figures, enclosed, *errors, number(row.get("psnr_db"), 2), row["reason"] or ""])
     print(markdown_table(head, rows))
     for bar in result["bars"]:
         print(f"{'met' if bar['met'] else 'MISSED'}: {bar['name']}: {number(bar['value'])}, at most {number(bar['most'])}")

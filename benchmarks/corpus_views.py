@@ -16,6 +16,7 @@ from schemas.errors import SilhouetteError
 from schemas.render import Accuracy, Antialias, Camera, RenderRequest, Source
 from service.assets import MeshAsset, load_asset
 from service.camera import resolve_camera
+from service.measure.errors import shading_error, shading_of
 from service.measure.reference import reference
 from service.render.frame import render_frame
 from service.render.state import Gpu
@@ -53,7 +54,8 @@ def measure_views(data_dir: Path, mesh_id: str, views: int = VIEWS, side: int = 
     more edges enter than leave; None without a tree. enclosed: whether no vertex and no sampled point of the surface is outside the hull,
     None without a hull. bad_pictures: of the wrong size or type. mask_error: mean over the views of the picture's error of alpha, over the
     pixels that either covers in part or that differ, where the exact mask made the outline; mask_error_worst: of one view;
-    original_error: the same of pictures that the mesh itself made the outline of. refused_views: what views were refused for.
+    original_error: the same of pictures that the mesh itself made the outline of. psnr_db: of sRGB bytes where both cover fully, over all
+    views; psnr_db_worst: of one. refused_views: what views were refused for.
     Raises RuntimeError when the GL reports an error.
     """
     store = Store(BackendSettings(data_dir=data_dir).store_dir)
@@ -132,6 +134,7 @@ def pictures(asset: MeshAsset, cameras: list[Camera], side: int) -> Values:
     """Pictures against the mesh at 16 x 16 samples a pixel."""
     gpu = Gpu(CACHE_MIB)
     errors: dict[bool, list[float]] = {True: [], False: []}
+    shading = []
     refused: list[str] = []
     bad = 0
     source = Source.AUTO if asset.clippable else Source.ORIGINAL
@@ -148,9 +151,12 @@ def pictures(asset: MeshAsset, cameras: list[Camera], side: int) -> Values:
                 bad += 1
                 continue
             errors[made.rung == "clipped/coverage"].append(alpha_error(made.pixels[:, :, 3], true[:, :, 3]))
+            shading.append(shading_of(made.pixels, true))
     finally:
         gpu.release()
     values: Values = {"bad_pictures": bad, "refused_views": refused}
+    seen = [shading_error([one]).psnr_db for one in shading if one.bytes]
+    values |= {"psnr_db": round(shading_error(shading).psnr_db, 2), "psnr_db_worst": round(min(seen), 2) if seen else None}
     for name, found in (("mask_error", errors[True]), ("original_error", errors[False])):
         values |= {name: _rounded(np.mean(found)) if found else None, f"{name}_worst": _rounded(max(found)) if found else None}
     return values

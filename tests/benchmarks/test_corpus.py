@@ -57,6 +57,7 @@ def test_a_closed_mesh_is_held_against_every_reference(rows):
     assert good["eyes"] > 12 and good["mismatches"] == good["unbalanced"] == good["bad_pictures"] == 0
     assert good["enclosed"] is True and good["refused_views"] == []
     assert 0.0 < good["mask_error"] <= good["mask_error_worst"] < 0.02
+    assert 15.0 < good["psnr_db_worst"] <= good["psnr_db"] < 60.0
     assert good["seconds"] > 0.0 and good["peak_mib"] > 10.0
 
 
