@@ -173,6 +173,7 @@ def bars(rows: list[Values]) -> Iterator[Values]:
         ("eyes with another silhouette", sum(row.get("mismatches") or 0 for row in rows), 0),
         ("eyes with open contours", sum(row.get("unbalanced") or 0 for row in rows), 0),
         ("bad pictures", sum(row.get("bad_pictures", 0) for row in rows), 0),
+        ("wrong pixels", sum(row.get("wrong_pixels", 0) for row in rows), 0),
         ("views refused", sum(len(row.get("refused_views", ())) for row in rows), 0),
         ("mask error, worst mesh", worst, COVERAGE_ERROR),
     ]
@@ -181,12 +182,12 @@ def bars(rows: list[Values]) -> Iterator[Values]:
 
 
 def print_table(result: Values) -> None:
-    head = ["file", "outcome", "faces", "hull", "s", "MiB", "encloses", "mismatches", "mask error", "worst", "dB", "reason"]
+    head = ["file", "outcome", "faces", "hull", "s", "MiB", "encloses", "mismatches", "mask error", "worst", "pixel", "dB", "reason"]
     rows = []
     for row in result["meshes"]:
         figures = [number(row.get(key)) for key in ("faces", "hull_faces", "seconds", "peak_mib")]
         enclosed = {True: "yes", False: "NO", None: NONE}[row.get("enclosed")]
-        errors = [number(row.get("mismatches")), *(number(row.get(key), 2) for key in ("mask_error", "mask_error_worst"))]
+        errors = [number(row.get("mismatches")), *(number(row.get(key), 2) for key in ("mask_error", "mask_error_worst", "largest_error"))]
         rows.append([row["file"], row["outcome"], *figures, enclosed, *errors, number(row.get("psnr_db"), 2), row["reason"] or ""])
     print(markdown_table(head, rows))
     for bar in result["bars"]:

@@ -30,6 +30,10 @@ NEAREST, FARTHEST = 1.5, 4.0  # radii
 CLOSE = 0.02  # radii above a face, for eyes that nearly touch it
 VERTICES, SURFACE_POINTS = 20_000, 4_000
 CACHE_MIB = 1024
+EXACT = "clipped/coverage"
+"""The rung whose outline is exact."""
+WRONG = 0.25
+"""Error of alpha beyond all that 16 x 16 samples of a pixel can miss of anything but slivers."""
 EYE_KINDS = (
     "around",
     "around",
@@ -53,9 +57,10 @@ def measure_views(data_dir: Path, mesh_id: str, views: int = VIEWS, side: int = 
     mismatches: eyes, of `eyes` of them, whose edges by the tree differ from the brute force as sets; unbalanced: eyes with a vertex that
     more edges enter than leave; None without a tree. enclosed: whether no vertex and no sampled point of the surface is outside the hull,
     None without a hull. bad_pictures: of the wrong size or type. mask_error: mean over the views of the picture's error of alpha, over the
-    pixels that either covers in part or that differ, where the exact mask made the outline; mask_error_worst: of one view;
-    original_error: the same of pictures that the mesh itself made the outline of. psnr_db: of sRGB bytes where both cover fully, over all
-    views; psnr_db_worst: of one. refused_views: what views were refused for.
+    pixels that either covers in part or that differ, where the exact mask made the outline; mask_error_worst: of one view; wrong_pixels: of
+    those pictures, off by more than WRONG; largest_error: of any of their pixels; original_error: as mask_error, of pictures that the mesh
+    itself made the outline of. psnr_db: of sRGB bytes where both cover fully, over all views; psnr_db_worst: of one. refused_views: what
+    views were refused for.
     Raises RuntimeError when the GL reports an error.
     """
     store = Store(BackendSettings(data_dir=data_dir).store_dir)
@@ -134,7 +139,7 @@ def pictures(asset: MeshAsset, cameras: list[Camera], side: int) -> Values:
     """Pictures against the mesh at 16 x 16 samples a pixel."""
     gpu = Gpu(CACHE_MIB)
     errors: dict[bool, list[float]] = {True: [], False: []}
-    shading = []
+    shading, wrong, largest = [], 0, 0.0
     refused: list[str] = []
     bad = 0
     source = Source.AUTO if asset.clippable else Source.ORIGINAL
@@ -150,11 +155,14 @@ def pictures(asset: MeshAsset, cameras: list[Camera], side: int) -> Values:
             if made.pixels.shape != (side, side, 4) or made.pixels.dtype != np.uint8 or not np.isfinite(true).all():
                 bad += 1
                 continue
-            errors[made.rung == "clipped/coverage"].append(alpha_error(made.pixels[:, :, 3], true[:, :, 3]))
+            exact = made.rung == EXACT
+            errors[exact].append(alpha_error(made.pixels[:, :, 3], true[:, :, 3]))
+            off = np.abs(made.pixels[:, :, 3] / 255.0 - true[:, :, 3]) if exact else np.zeros(1)
+            wrong, largest = wrong + int((off > WRONG).sum()), max(largest, float(off.max()))
             shading.append(shading_of(made.pixels, true))
     finally:
         gpu.release()
-    values: Values = {"bad_pictures": bad, "refused_views": refused}
+    values: Values = {"bad_pictures": bad, "refused_views": refused, "wrong_pixels": wrong, "largest_error": _rounded(largest)}
     seen = [shading_error([one]).psnr_db for one in shading if one.bytes]
     values |= {"psnr_db": round(shading_error(shading).psnr_db, 2), "psnr_db_worst": round(min(seen), 2) if seen else None}
     for name, found in (("mask_error", errors[True]), ("original_error", errors[False])):

@@ -54,7 +54,8 @@ def test_every_mesh_file_has_its_outcome_and_nothing_else_is_uploaded(rows):
 def test_a_closed_mesh_is_held_against_every_reference(rows):
     good = rows["inner/good.ply"]
     assert good["reason"] is None and good["closed"] and good["hull_faces"] == 320
-    assert good["eyes"] > 12 and good["mismatches"] == good["unbalanced"] == good["bad_pictures"] == 0
+    assert good["eyes"] > 12 and good["mismatches"] == good["unbalanced"] == good["bad_pictures"] == good["wrong_pixels"] == 0
+    assert 0.0 < good["largest_error"] < 0.1
     assert good["enclosed"] is True and good["refused_views"] == []
     assert 0.0 < good["mask_error"] <= good["mask_error_worst"] < 0.02
     assert 15.0 < good["psnr_db_worst"] <= good["psnr_db"] < 60.0
@@ -111,6 +112,7 @@ def test_only_a_loader_that_knows_what_is_wrong_refuses():
         ({"mismatches": 1}, "eyes with another silhouette"),
         ({"unbalanced": 1}, "eyes with open contours"),
         ({"bad_pictures": 1}, "bad pictures"),
+        ({"wrong_pixels": 1}, "wrong pixels"),
         ({"refused_views": ["no"]}, "views refused"),
         ({"mask_error": 0.0081}, "mask error, worst mesh"),
     ],
