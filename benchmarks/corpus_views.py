@@ -52,7 +52,7 @@ EYE_KINDS = (
 
 
 def measure_views(data_dir: Path, mesh_id: str, views: int = VIEWS, side: int = SIDE_PX) -> Values:
-    """What a ready mesh in a data folder gets wrong. Makes a GL context: to be run in a process of its own.
+    """What a ready mesh in a data folder gets wrong, from so many views. Makes a GL context: to be run in a process of its own.
 
     mismatches: eyes, of `eyes` of them, whose edges by the tree differ from the brute force as sets; unbalanced: eyes with a vertex that
     more edges enter than leave; None without a tree. enclosed: whether no vertex and no sampled point of the surface is outside the hull,
@@ -68,17 +68,20 @@ def measure_views(data_dir: Path, mesh_id: str, views: int = VIEWS, side: int = 
     assert manifest is not None and manifest.status == "ready"
     asset = load_asset(store, manifest)
     cameras = cameras_of(asset, views)
-    return silhouettes(asset, cameras, side) | enclosure(asset) | pictures(asset, cameras, side)
+    return {"views": len(cameras)} | silhouettes(asset, cameras, side) | enclosure(asset) | pictures(asset, cameras, side)
 
 
 def cameras_of(asset: MeshAsset, views: int) -> list[Camera]:
-    """Seeded cameras, by EYE_KINDS in turn: the same for a mesh in every run."""
+    """Seeded cameras, by EYE_KINDS in turn: the same for a mesh in every run.
+
+    Fewer for a mesh so far from the origin of its coordinates that eye and target are the same numbers there.
+    """
     rng = np.random.default_rng(SEED)
-    kinds = (EYE_KINDS[number % len(EYE_KINDS)] for number in range(views))
-    return [_camera(asset, kind, rng) for kind in kinds]
+    found = (_camera(asset, EYE_KINDS[number % len(EYE_KINDS)], rng) for number in range(views))
+    return [camera for camera in found if camera is not None]
 
 
-def _camera(asset: MeshAsset, kind: str, rng: np.random.Generator) -> Camera:
+def _camera(asset: MeshAsset, kind: str, rng: np.random.Generator) -> Camera | None:
     around = rng.normal(size=3)
     around /= np.linalg.norm(around)
     eye, target = around * rng.uniform(NEAREST, FARTHEST), rng.uniform(-0.2, 0.2, 3)
@@ -96,7 +99,8 @@ def _camera(asset: MeshAsset, kind: str, rng: np.random.Generator) -> Camera:
     up = around[[1, 2, 0]] - around[[2, 0, 1]]
     model = asset.frame.to_model(np.stack([eye, target])).tolist()
     flat = {"projection": "orthographic", "height": 2.2 * asset.frame.scale} if kind == "orthographic" else {}
-    return Camera(eye=model[0], target=model[1], up=up.tolist(), fov_y_deg=float(rng.uniform(30.0, 60.0)), **flat)
+    fov_y_deg = float(rng.uniform(30.0, 60.0))
+    return None if model[0] == model[1] else Camera(eye=model[0], target=model[1], up=up.tolist(), fov_y_deg=fov_y_deg, **flat)
 
 
 def _unit(vector: F8) -> F8:
