@@ -37,7 +37,7 @@ ENVIRONMENT = {"SILHOUETTE_LOG_LEVEL": "ERROR", "SILHOUETTE_MEASURE": "false"}
 
 def accept(queue: JobQueue, mesh: Path, options: PreprocessOptions) -> str:
     """Take a mesh file as an upload; the mesh's id."""
-    sha256, extension = hashlib.sha256(mesh.read_bytes()).hexdigest(), mesh.suffix.removeprefix(".")
+    sha256, extension = hashlib.sha256(mesh.read_bytes()).hexdigest(), mesh.suffix.removeprefix(".").lower()
     upload = Path(queue.store.root) / mesh.name
     shutil.copyfile(mesh, upload)
     accepted = Accepted(

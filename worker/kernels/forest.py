@@ -97,8 +97,9 @@ def _ball_of(box, a, b, ball):
 
 @borrowing
 def _fit(forest, index, count, flags, work, support):
-    """P of the faces index[:count]; work (WORK, 4) f8: axis, front, back, ball in rows 0 to 3."""
+    """P of the faces index[:count]; work (WORK, 4) f8: axis, front, back, ball in rows 0 to 3. support as in `fit_cones`."""
     if flags & UNRELIABLE:
+        support[:] = -1  # no cones: nothing carries them
         return np.float32(1.0)
     spread = fit_cones(forest.normals, forest.offsets, index, count, work[3], work[0, :3], work[1, :3], work[2, :3], support, work[4:])
     return np.float32(miss_probability(work[0], spread, work[1], work[2], flags & ALWAYS_FRONT == 0, EYE_RADIUS))
