@@ -1,7 +1,9 @@
-"""The facing rule, decided exactly: a float filter first, floating-point expansions where the filter is unsure.
+"""The facing rule and the orientation of points, decided exactly: a float filter first, long integers where the filter is unsure.
 
-Every sign that changes a result goes through `orient_sign`; there is no second definition of "front-facing" anywhere.
-Based on: Shewchuk 1997 (filter constant of his orient3d, stage A); the rule is that of Silhouette Clipping, section 5.
+Every sign of a determinant that changes a result goes through `orient_sign` or `orient2d_sign`; there is no second definition of
+"front-facing" anywhere. Based on: Shewchuk 1997 (filter constants of his orient3d and orient2d, stage A); the rule is that of
+Silhouette Clipping, section 5. Departure: what the filters leave is decided in integers (`geometry.long_integers`) and not by
+floating-point expansions, which cannot hold the product of a denormal and a huge number.
 """
 
 from __future__ import annotations
@@ -9,50 +11,49 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from geometry import expansions as ex
+from geometry import long_integers as li
 from geometry.borrowing import owning
 
-# (7 + 56 u) u with u = 2^-53: Shewchuk's bound for orient3d evaluated as below, relative to the permanent
 ORIENT_ERROR = 7.771561172376103e-16
-# products below this may have lost bits to underflow, which the relative bound does not see
+"""(7 + 56 u) u with u = 2^-53: Shewchuk's bound for orient3d evaluated as below, relative to the permanent."""
+ORIENT2_ERROR = 3.330669073875472e-16
+"""(3 + 16 u) u: the same for orient2d."""
 UNDERFLOW_GUARD = 1e-280
-_RAISE, _RAISABLE = 2.0**500, 2.0**400
+"""Products below this may have lost bits to underflow, which the relative bounds do not see."""
+
+
+@njit(cache=True)
+def _bits_of(a, low, high):
+    """`long_integers.widen` by all of a (3,)."""
+    for k in range(3):
+        low, high = li.widen(low, high, np.float64(a[k]))
+    return low, high
 
 
 @owning
 def _exact_orient(a, b, c, x, y, z, w):
-    """Sign of det[b - a, c - a, (x, y, z) - w a] by expansions; a, b, c: (3,), w is 0 or 1."""
-    ux, nux = ex.difference(np.float64(b[0]), np.float64(a[0]))
-    uy, nuy = ex.difference(np.float64(b[1]), np.float64(a[1]))
-    uz, nuz = ex.difference(np.float64(b[2]), np.float64(a[2]))
-    vx, nvx = ex.difference(np.float64(c[0]), np.float64(a[0]))
-    vy, nvy = ex.difference(np.float64(c[1]), np.float64(a[1]))
-    vz, nvz = ex.difference(np.float64(c[2]), np.float64(a[2]))
-    # the sign is that of any positive multiple of the last column: raised, the smallest eyes do not underflow
-    s = _RAISE if max(abs(x), abs(y), abs(z)) < _RAISABLE else 1.0
-    dx, ndx = ex.difference(x * s, np.float64(a[0]) * w * s)
-    dy, ndy = ex.difference(y * s, np.float64(a[1]) * w * s)
-    dz, ndz = ex.difference(z * s, np.float64(a[2]) * w * s)
-    total = np.empty(200)
-    n = _add_minor_product(total, 0, uy, nuy, vz, nvz, uz, nuz, vy, nvy, dx, ndx)
-    n = _add_minor_product(total, n, uz, nuz, vx, nvx, ux, nux, vz, nvz, dy, ndy)
-    n = _add_minor_product(total, n, ux, nux, vy, nvy, uy, nuy, vx, nvx, dz, ndz)
-    return ex.sign(total, n)
-
-
-@njit(cache=True)
-def _add_minor_product(total, n, a, na, b, nb, c, nc, d, nd, f, nf):
-    """total += (a b - c d) f, all expansions."""
-    minor = np.empty(16)
-    k = ex.multiply(a, na, b, nb, minor)
-    other = np.empty(8)
-    m = ex.multiply(c, nc, d, nd, other)
-    for i in range(m):
-        other[i] = -other[i]
-    k = ex.add(minor, k, other, m)
-    product = np.empty(64)
-    p = ex.multiply(minor, k, f, nf, product)
-    return ex.add(total, n, product, p)
+    """Sign of det[b - a, c - a, (x, y, z) - w a] in long integers; a, b, c: (3,), w is 0 or 1."""
+    low, high = _bits_of(a, li.NO_BITS, -li.NO_BITS)
+    eye_low, eye_high = (low, high) if w else (li.NO_BITS, -li.NO_BITS)
+    low, high = _bits_of(b, low, high)
+    low, high = _bits_of(c, low, high)
+    eye_low, eye_high = _bits_of((x, y, z), eye_low, eye_high)
+    n, m = li.digits_for(low, high), li.digits_for(eye_low, eye_high)
+    u, v, d = 0, 3 * (n + li.SPARE), 6 * (n + li.SPARE)
+    minor = d + 3 * (m + li.SPARE)
+    total = minor + 6 * n
+    work = np.zeros(total + 2 * n + m, np.int64)
+    for k in range(3):
+        li.put_difference(work, u + k * (n + li.SPARE), n, low, np.float64(b[k]), np.float64(a[k]))
+        li.put_difference(work, v + k * (n + li.SPARE), n, low, np.float64(c[k]), np.float64(a[k]))
+        li.put_difference(work, d + k * (m + li.SPARE), m, eye_low, x if k == 0 else (y if k == 1 else z), w * np.float64(a[k]))
+    for k in range(3):
+        i, j, own = (k + 1) % 3 * (n + li.SPARE), (k + 2) % 3 * (n + li.SPARE), minor + 2 * n * k
+        li.add_product(work, u + i, n, v + j, n, 1, own)
+        li.add_product(work, u + j, n, v + i, n, -1, own)
+        li.carry(work, own, 2 * n)
+        li.add_product(work, own, 2 * n, d + k * (m + li.SPARE), m, 1, total)
+    return li.sign_of(work, total, 2 * n + m)
 
 
 @njit(cache=True, inline="always")
@@ -91,7 +92,8 @@ def _flat(a, b, c, x, y, z, w):
 def orient_sign(a, b, c, x, y, z, w):
     """Exact sign of det[b - a, c - a, (x, y, z) - w a]: 1 when the point is outside the plane of the triangle.
 
-    a, b, c: (3,) f4 or f8, counter-clockwise seen from outside. (x, y, z, w): f8 homogeneous point, w 0 or 1.
+    a, b, c: (3,) f4 or f8 with float32 values, counter-clockwise seen from outside. (x, y, z, w): f8 homogeneous point, w 0 or 1.
+    Right for all that are finite: denormal and near the largest numbers too.
     """
     sure = _filtered_sign(
         np.float64(a[0]), np.float64(a[1]), np.float64(a[2]),
@@ -102,6 +104,38 @@ def orient_sign(a, b, c, x, y, z, w):
     if sure != 2:
         return sure
     return 0 if _flat(a, b, c, x, y, z, w) else _exact_orient(a, b, c, x, y, z, w)
+
+
+@owning
+def _exact_orient2d(ax, ay, bx, by, px, py):
+    """As `orient2d_sign`, in long integers."""
+    low, high = li.NO_BITS, -li.NO_BITS
+    for value in (ax, ay, bx, by, px, py):
+        low, high = li.widen(low, high, value)
+    n = li.digits_for(low, high)
+    stride = n + li.SPARE
+    total = 4 * stride
+    work = np.zeros(total + 2 * n, np.int64)
+    li.put_difference(work, 0, n, low, bx, ax)
+    li.put_difference(work, stride, n, low, py, ay)
+    li.put_difference(work, 2 * stride, n, low, by, ay)
+    li.put_difference(work, 3 * stride, n, low, px, ax)
+    li.add_product(work, 0, n, stride, n, 1, total)
+    li.add_product(work, 2 * stride, n, 3 * stride, n, -1, total)
+    return li.sign_of(work, total, 2 * n)
+
+
+@njit(cache=True)
+def orient2d_sign(ax, ay, bx, by, px, py):
+    """Exact sign of det[b - a, p - a] for any finite f8: 1 when p lies left of the line from a to b."""
+    left, right = (bx - ax) * (py - ay), (by - ay) * (px - ax)
+    det = left - right
+    bound = ORIENT2_ERROR * (abs(left) + abs(right)) + UNDERFLOW_GUARD
+    if det > bound:
+        return 1
+    if det < -bound:
+        return -1
+    return _exact_orient2d(ax, ay, bx, by, px, py)
 
 
 @njit(cache=True)

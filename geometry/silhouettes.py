@@ -17,7 +17,7 @@ from geometry.predicates import is_front_facing
 PLANE_ERROR = 2.0**-20
 """Bound on the error of n . p + d w in float32, relative to |p|_1 + |d| w: 16 u, of which six roundings use at most 8."""
 FARTHEST_FLOAT = 1e30
-"""Eyes beyond are decided by the predicate alone: float32 sums of them could overflow."""
+"""Eyes and planes beyond are decided by the predicate alone: float32 sums of them could overflow."""
 _TINY = np.float32(1e-30)  # sums smaller than this may have lost bits to underflow
 _RELIABLE = 1e-8  # relative error of a unit normal that counts as exact beside float32
 _DOUBTS = np.uint64(0x0101010101010101)  # a doubtful byte is 1; back is 0, front is 2
@@ -47,7 +47,9 @@ def face_planes(positions, faces):
     permanent = np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1)
     good = (length > 1e-140) & (permanent * 1.8e-15 <= _RELIABLE * length)
     unit = np.divide(normal, length[:, None], out=np.zeros_like(normal), where=good[:, None])
-    offset = np.where(good, -np.einsum("ij,ij->i", unit, a), 0.0).astype(np.float32)
+    offset = -np.einsum("ij,ij->i", unit, a)
+    good &= np.abs(offset) < FARTHEST_FLOAT
+    unit[~good], offset = 0.0, np.where(good, offset, 0.0).astype(np.float32)
     x, y, z = (np.ascontiguousarray(unit[:, k], np.float32) for k in range(3))
     return FacePlanes(x, y, z, offset, float(np.abs(offset).max(initial=0.0)))
 

@@ -1,11 +1,13 @@
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 
-from geometry import expansions as ex
-from geometry.predicates import front_facing, orient_sign
-from tests import meshes, oracles
+from geometry.predicates import front_facing, orient2d_sign, orient_sign
+from tests import degenerate, meshes, oracles, oracles_integer
 
 grid = st.integers(-8, 8).map(lambda i: i / 8.0)
 anywhere = st.floats(-4, 4, width=32, allow_subnormal=False).filter(lambda x: x == 0 or abs(x) > 1e-20)
@@ -64,27 +66,72 @@ def test_an_eye_on_the_plane_is_in_front_of_it():
     assert front_facing(positions, flipped, eye)[on_top].all()
 
 
-doubles = st.floats(-1e6, 1e6, allow_subnormal=False).filter(lambda x: x == 0 or abs(x) > 1e-30)
+finite32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
+finite64 = st.floats(allow_nan=False, allow_infinity=False)
+corner, place = st.tuples(finite32, finite32, finite32), st.tuples(finite64, finite64, finite64)
 
 
-@settings(max_examples=200, deadline=None)
-@given(st.lists(doubles, min_size=1, max_size=12))
-def test_sums_of_expansions_have_the_exact_sign(values):
-    e = np.empty(len(values) + 1)
-    n = 0
-    for v in values:
-        n = ex.grow(e, n, v)
-    exact = sum(oracles._rational(values))
-    assert ex.sign(e, n) == (exact > 0) - (exact < 0)
-    assert sum(oracles._rational(e[:n])) == exact
+@settings(max_examples=400, deadline=None)
+@given(corner, corner, corner, place, st.sampled_from([0.0, 1.0]))
+def test_orientation_is_the_rational_one_for_all_finite_numbers(a, b, c, p, w):
+    corners = [np.array(x, np.float32) for x in (a, b, c)]
+    assert orient_sign(*corners, *p, w) == oracles.orientation(*corners, (*p, w))
 
 
-@settings(max_examples=200, deadline=None)
-@given(doubles, doubles, doubles, doubles)
-def test_products_of_expansions_are_exact(a, b, c, d):
-    e, n = ex.difference(a, b)
-    f, m = ex.difference(c, d)
-    out = np.empty(8)
-    k = ex.multiply(e, n, f, m, out)
-    a, b, c, d = oracles._rational((a, b, c, d))
-    assert sum(oracles._rational(out[:k])) == (a - b) * (c - d)
+@njit
+def _orient_signs(corners, eyes):
+    signs = np.empty(len(corners), np.int8)
+    for i in range(len(corners)):
+        signs[i] = orient_sign(corners[i, 0], corners[i, 1], corners[i, 2], eyes[i, 0], eyes[i, 1], eyes[i, 2], eyes[i, 3])
+    return signs
+
+
+@pytest.mark.parametrize("family", degenerate.FAMILIES, ids=lambda family: family.__name__)
+@settings(max_examples=3, deadline=None)
+@given(st.integers(0, 2**32))
+def test_orientation_is_the_rational_one_near_degeneracy(family, seed):
+    corners, eyes = family(np.random.default_rng(seed), 4000)
+    np.testing.assert_array_equal(_orient_signs(corners, eyes), oracles_integer.orientations(corners, eyes))
+
+
+@pytest.mark.parametrize("family", degenerate.FAMILIES, ids=lambda family: family.__name__)
+def test_whole_numbers_give_the_rational_sign(family):
+    corners, eyes = family(np.random.default_rng(11), 200)
+    expected = [oracles.orientation(*three, eye) for three, eye in zip(corners, eyes, strict=True)]
+    np.testing.assert_array_equal(oracles_integer.orientations(corners, eyes), expected)
+
+
+HUGE, TINY = np.finfo(np.float64).max, 5e-324
+
+
+@pytest.mark.parametrize("eye", [(HUGE, TINY, 0.1), (-1e300, 1e12, 2.0**-600), (2.0**996, 2.0**-1074, 2.0**970), (HUGE, HUGE, -HUGE)])
+@pytest.mark.parametrize("w", [0.0, 1.0])
+def test_orientation_neither_overflows_nor_underflows(eye, w):
+    a, b, c = (np.array(x, np.float32) for x in ((0.5, 3.4e38, 0.5), (-1.0, 1.1754944e-38, 1.5), (0.0, -1.4e-45, 3.4e38)))
+    for corners in ((a, b, c), (b, a, c), (a / 2, b / 2, c / 2)):
+        assert orient_sign(*corners, *eye, w) == oracles.orientation(*corners, (*eye, w))
+
+
+def test_facing_of_the_largest_and_smallest_triangles_is_exact():
+    corners, eyes = degenerate.all_sizes(np.random.default_rng(2), 500)
+    for three, eye in zip(corners, eyes, strict=True):
+        expected = oracles.orientation(*three, eye) >= 0
+        assert front_facing(three, np.array([[0, 1, 2]], np.int32), eye)[0] == expected
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(finite64, min_size=6, max_size=6), st.booleans())
+def test_orientation_in_the_plane_is_the_rational_one_for_all_finite_numbers(values, same):
+    if same:
+        values[4:] = values[:2]
+    assert orient2d_sign(*values) == oracles_integer.orientations_2d([values])[0]
+
+
+def test_orientation_in_the_plane_is_exact_within_a_few_roundings_of_the_line():
+    points = degenerate.lines_2d(np.random.default_rng(4), 6000)
+    expected = oracles_integer.orientations_2d(points)
+    assert [orient2d_sign(*row.ravel()) for row in points] == expected.tolist()
+    for (a, b, p), sign in zip(points[:300].tolist(), expected, strict=False):
+        ax, ay, bx, by, px, py = (Fraction(x) for x in (*a, *b, *p))
+        left, right = (bx - ax) * (py - ay), (by - ay) * (px - ax)
+        assert sign == (left > right) - (left < right)

@@ -57,6 +57,17 @@ def test_faces_too_thin_for_a_plane_are_decided_exactly():
         assert all_ways(positions, faces, eye) == [oracles.silhouette(positions, faces, eye)] * 3
 
 
+@pytest.mark.parametrize("largest", [np.finfo(np.float32).max, 2.0**-140])
+def test_positions_at_either_end_of_single_precision_have_the_rational_silhouette(largest):
+    # a sphere with its poles cut off: oblique planes are farther from the centre than any coordinate
+    v, faces = meshes.bumpy_sphere(1)
+    positions = (np.clip(1.5 * v / np.abs(v).max(), -1.0, 1.0) * largest).astype(np.float32)
+    assert np.isfinite(positions).all()
+    for eye in meshes.eyes(6, orthographic=6):
+        eye[:3] *= largest if eye[3] else 1.0
+        assert all_ways(positions, faces, eye) == [oracles.silhouette(positions, faces, eye)] * 3
+
+
 def test_an_eye_inside_a_convex_mesh_sees_no_silhouette():
     positions, faces, _ = meshes.normalised(meshes.sphere(2))
     assert all_ways(positions, faces, np.array([0.05, -0.02, 0.01, 1.0])) == [set()] * 3

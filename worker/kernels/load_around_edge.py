@@ -6,20 +6,23 @@ import numpy as np
 from numba import njit
 
 from geometry.predicates import orient_sign
-
-
-@njit(cache=True)
-def _perpendicular(p, a, b, c):
-    """(b - a) x (c - a) in doubles."""
-    ux, uy, uz = np.float64(p[b, 0]) - p[a, 0], np.float64(p[b, 1]) - p[a, 1], np.float64(p[b, 2]) - p[a, 2]
-    vx, vy, vz = np.float64(p[c, 0]) - p[a, 0], np.float64(p[c, 1]) - p[a, 1], np.float64(p[c, 2]) - p[a, 2]
-    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+from worker.kernels.load_collinear import on_one_line, shadow_sign
 
 
 @njit(cache=True)
 def _side(p, a, b, c, q):
     """1 when q lies less than half a turn after c around a -> b, -1 when before, 0 in the same plane."""
     return orient_sign(p[a], p[b], p[c], np.float64(p[q, 0]), np.float64(p[q, 1]), np.float64(p[q, 2]), 1.0)
+
+
+@njit(cache=True)
+def _opposite(p, a, b, reference, q):
+    """Whether q, in the plane of the other three, lies strictly beyond the line through a and b as seen from the reference."""
+    for axis in range(3):
+        side = shadow_sign(p[a], p[b], p[reference], axis)
+        if side != 0:
+            return side * shadow_sign(p[a], p[b], p[q], axis) < 0
+    return False
 
 
 @njit(cache=True)
@@ -30,9 +33,7 @@ def _quarter(p, a, b, reference, q):
         return 1
     if s < 0:
         return 3
-    rx, ry, rz = _perpendicular(p, a, b, reference)
-    qx, qy, qz = _perpendicular(p, a, b, q)
-    return 0 if rx * qx + ry * qy + rz * qz >= 0.0 else 2
+    return 2 if _opposite(p, a, b, reference, q) else 0
 
 
 @njit(cache=True)
@@ -68,8 +69,7 @@ def sort_around(p, faces, forward, members):
         a, b = b, a
     reference = apex(faces, h)
     for i in range(len(members)):
-        x, y, z = _perpendicular(p, a, b, apex(faces, members[i]))
-        if x != 0.0 or y != 0.0 or z != 0.0:
+        if not on_one_line(p[a], p[b], p[apex(faces, members[i])]):
             reference = apex(faces, members[i])
             break
     quarters = np.empty(len(members), np.int64)

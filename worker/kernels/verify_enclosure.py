@@ -10,35 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from geometry import expansions as ex
-from geometry.borrowing import borrowing, owning
-from geometry.predicates import UNDERFLOW_GUARD, orient_sign
+from geometry.borrowing import borrowing
+from geometry.predicates import orient2d_sign, orient_sign
 from worker.kernels.bake_boxes import LEAF, STACK, boxes_meet
 
-ORIENT2_ERROR = 3.330669073875472e-16  # (3 + 16 u) u, u = 2^-53: Shewchuk's bound for orient2d
 BESIDE_ERROR = 1e-14  # of a plane's value at a point, over the product of absolute values in it: some 20 roundings of 2^-53
-
-
-@owning
-def _orient2_sign(ax, ay, bx, by, px, py):
-    """Exact sign of det[b - a, p - a]: 1 when p lies left of the line from a to b; all f8."""
-    left, right = (bx - ax) * (py - ay), (by - ay) * (px - ax)
-    det = left - right
-    bound = ORIENT2_ERROR * (abs(left) + abs(right)) + UNDERFLOW_GUARD
-    if det > bound:
-        return 1
-    if det < -bound:
-        return -1
-    ux, nux = ex.difference(bx, ax)
-    uy, nuy = ex.difference(by, ay)
-    wx, nwx = ex.difference(px, ax)
-    wy, nwy = ex.difference(py, ay)
-    total, other = np.empty(16), np.empty(8)
-    n = ex.multiply(ux, nux, wy, nwy, total)
-    m = ex.multiply(uy, nuy, wx, nwx, other)
-    for i in range(m):
-        other[i] = -other[i]
-    return ex.sign(total, ex.add(total, n, other, m))
 
 
 @borrowing
@@ -49,9 +25,9 @@ def _covering(a, b, c, x, y):
         p, q = (a, b) if k == 0 else ((b, c) if k == 1 else (c, a))
         px, py, qx, qy = np.float64(p[0]), np.float64(p[1]), np.float64(q[0]), np.float64(q[1])
         if py <= y:
-            if qy > y and _orient2_sign(px, py, qx, qy, x, y) > 0:
+            if qy > y and orient2d_sign(px, py, qx, qy, x, y) > 0:
                 winding += 1
-        elif qy <= y and _orient2_sign(px, py, qx, qy, x, y) < 0:
+        elif qy <= y and orient2d_sign(px, py, qx, qy, x, y) < 0:
             winding -= 1
     return winding
 
