@@ -212,3 +212,18 @@ def picture_fault(alpha, truths, antialias):
         if off:
             return f"{off} of {int(certain.sum())} pixels that are certainly {value:.0f} are not"
     return None
+
+
+@pytest.mark.parametrize(("source", "distance"), [("original", 2e-7), ("clipped", 2e-6)])
+@pytest.mark.parametrize("turn", [(1.0, 0.3, -0.4), (-0.5, 1.0, -0.2), (0.2, -0.6, 1.0)])
+def test_outline_of_a_corner_hardly_before_the_eye_is_where_it_is(gpu, source, distance, turn):
+    asset, _ = stood("cube")
+    corner = np.asarray(asset.positions[np.argmax(asset.positions.sum(axis=1))], np.float64)
+    eye = corner * (1.0 + distance)
+    camera = Camera(eye=eye.tolist(), target=(eye + np.array(turn) - 0.7 * corner).tolist(), up=[0.2, 0.9, 0.5], fov_y_deg=80.0)
+    view = resolve_camera(camera, UNIT, 256, 256, asset.radius)
+    truth = covered(view, asset.positions, asset.faces, 2)
+    assert 0.05 < truth.mean() < 0.95
+    accuracy = Accuracy(source=source, antialias="none")
+    alpha = render_frame(gpu, asset, RenderRequest(camera=camera, width=256, height=256, accuracy=accuracy)).pixels[:, :, 3] / 255.0
+    assert picture_fault(alpha, truth[None], "none") is None
