@@ -215,12 +215,12 @@ def picture_fault(alpha, truths, antialias):
 
 
 @pytest.mark.parametrize(("source", "distance"), [("original", 2e-7), ("clipped", 2e-6)])
-@pytest.mark.parametrize("turn", [(1.0, 0.3, -0.4), (-0.5, 1.0, -0.2), (0.2, -0.6, 1.0)])
-def test_outline_of_a_corner_hardly_before_the_eye_is_where_it_is(gpu, source, distance, turn):
+@pytest.mark.parametrize("side", [(2.0, 0.3, 0.4), (0.5, 2.0, -0.2), (0.2, 0.6, 2.0)])
+def test_outline_of_a_corner_hardly_before_the_eye_is_where_it_is(gpu, source, distance, side):
     asset, _ = stood("cube")
     corner = np.asarray(asset.positions[np.argmax(asset.positions.sum(axis=1))], np.float64)
-    eye = corner * (1.0 + distance)
-    camera = Camera(eye=eye.tolist(), target=(eye + np.array(turn) - 0.7 * corner).tolist(), up=[0.2, 0.9, 0.5], fov_y_deg=80.0)
+    eye = corner + distance * np.array(side)
+    camera = Camera(eye=eye.tolist(), target=(eye - np.array(side)).tolist(), up=[0.2, 0.9, 0.5], fov_y_deg=80.0)
     view = resolve_camera(camera, UNIT, 256, 256, asset.radius)
     truth = covered(view, asset.positions, asset.faces, 2)
     assert 0.05 < truth.mean() < 0.95
