@@ -215,7 +215,7 @@ def picture_fault(alpha, truths, antialias):
 
 
 @pytest.mark.parametrize(("source", "distance"), [("original", 2e-7), ("clipped", 2e-6)])
-@pytest.mark.parametrize("side", [(2.0, 0.3, 0.4), (0.5, 2.0, -0.2), (0.2, 0.6, 2.0)])
+@pytest.mark.parametrize("side", [(2.0, -0.3, -0.4), (-0.5, 2.0, -0.2), (-0.2, -0.6, 2.0)])
 def test_outline_of_a_corner_hardly_before_the_eye_is_where_it_is(gpu, source, distance, side):
     asset, _ = stood("cube")
     corner = np.asarray(asset.positions[np.argmax(asset.positions.sum(axis=1))], np.float64)
