@@ -31,6 +31,7 @@ STENCIL_CENTRE = 128
 """Cleared stencil value: the winding number zero, with room for negative ones below it."""
 
 _STENCIL_TEST = 0x0B90
+_DEPTH_CLAMP = 0x864F
 _STENCIL_BUFFER_BIT = 0x0400
 _LESS, _EQUAL, _GEQUAL, _ALWAYS = 0x0201, 0x0202, 0x0206, 0x0207
 _FRONT, _BACK = 0x0404, 0x0405
@@ -107,6 +108,8 @@ class GlContext:
         self._gl: dict[str, Callable[..., Any]] = {
             name: ctypes.CFUNCTYPE(*signature)(native.load(name)) for name, signature in _SIGNATURES.items()
         }
+        # a surface nearer than the near plane is still in front of the eye
+        self._gl["glEnable"](_DEPTH_CLAMP)
         self.most_samples = min(4, int(self.ctx.max_samples))
         self._draws = self._uploaded = 0
         self.has_timers = self._timers_work()

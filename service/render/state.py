@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -33,6 +34,8 @@ LINEAR_TABLE = linear_table()
 LEAST_STREAM = 1 << 14
 """Bytes of the smallest buffer for passing vertices."""
 COLORS_KEPT = 64
+NEAR_EYE = 2.0
+"""Normalised units from the frame's origin: the mesh is within 1 of it, so that farther eyes see rounding by less than it is."""
 Color = tuple[int, int, int]
 
 
@@ -214,13 +217,27 @@ class FrameState:
         framebuffer.use()
         return framebuffer
 
-    def clip_from_object(self) -> bytes:
-        """(4, 4) f4 as bytes, column-major: the tile's rectangle of the image as the whole clip space, rows downwards."""
+    def placement(self) -> dict[str, Any]:
+        """Uniforms that take positions to clip space, the tile's rectangle of the image being all of it, rows downwards.
+
+        clip_from_object: (4, 4) f4 as bytes, column-major, of positions less the point `middle` + `middle_rest`, each three f4. That is
+        the eye where it is near: differences from a near point are exact in float32, and those from it are all that counts there.
+        """
         t, view = self.tile, self.view
         m = view.matrix.copy()
         m[0] = (view.width / t.width) * m[0] + ((view.width - 2.0 * t.x) / t.width - 1.0) * m[3]
         m[1] = (-view.height / t.height) * m[1] + ((view.height - 2.0 * t.y) / t.height - 1.0) * m[3]
-        return m.T.astype(np.float32).tobytes()
+        middle = np.zeros(3)
+        if not view.orthographic and np.linalg.norm(view.eye[:3]) < NEAR_EYE:
+            middle = view.eye[:3]
+        m[:, 3] += m[:, :3] @ middle
+        rounded = middle.astype(np.float32)
+        rest = (middle - rounded).astype(np.float32)
+        return {
+            "clip_from_object": m.T.astype(np.float32).tobytes(),
+            "middle": tuple(rounded.tolist()),
+            "middle_rest": tuple(rest.tolist()),
+        }
 
     def pixel(self) -> tuple[float, float]:
         """Size of an image pixel in the tile's normalised device coordinates."""

@@ -49,6 +49,8 @@ def standpoints(positions, faces, hull=None):
         "hardly off an edge": at((a + b) / 2.0 + NEAR * normal),
         "hardly off a vertex": at(a + NEAR * normal),
         "close to a face": at(middle + 1e-4 * normal),
+        "close to an edge": at((a + b) / 2.0 + 1e-5 * normal),
+        "close to a vertex": at(a * (1.0 + 1e-5)),
         "very far along an axis": at([0.0, 0.0, FAR]),
         "very far": at(FAR * np.array([0.3, -0.8, 0.52])),
         "very far on a face's plane": at(middle + FAR * (b - a)),
@@ -62,6 +64,8 @@ def standpoints(positions, faces, hull=None):
     eyes |= {} if inside is None else {"inside": at(inside)}
     if hull is not None:
         between = _somewhere(hull[0], lambda x: (winding_numbers(*hull, x) > 0.99) & (np.abs(winding_numbers(p, faces, x)) < 0.01))
+        highest = np.asarray(hull[0][np.argmax(np.linalg.norm(hull[0], axis=1))], np.float64)
+        eyes["close to a vertex of the hull"] = at(highest * (1.0 + 1e-5))
         eyes |= {} if between is None else {"inside the hull only": at(between)}
     return eyes
 

@@ -21,6 +21,6 @@ def count_windings(frame: FrameState) -> None:
     gpu.gl.count_windings()
     if frame.contours is not None and len(frame.triangles):
         program = gpu.programs.get("loops", "opaque")
-        gpu.programs.set(program, clip_from_object=frame.clip_from_object())
+        gpu.programs.set(program, **frame.placement())
         corners = frame.outlined[0][frame.contours.vertices]
         gpu.gl.draw(gpu.streamed(program, corners, "3f", ["in_position"], frame.triangles))

@@ -44,7 +44,7 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
     color = LINEAR_TABLE[list(parse_color(shading.color))].astype(np.float64)
     frame.gpu.programs.set(
         program,
-        clip_from_object=frame.clip_from_object(),
+        **frame.placement(),
         base_color=tuple(color.tolist()),
         base_root=tuple((color ** (1.0 / 2.4)).tolist()),
         light=light_of(frame),

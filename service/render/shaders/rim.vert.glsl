@@ -7,7 +7,7 @@
 //
 // Drawn at the far end of the depth range, so that it shows only where no surface is.
 //! include srgb.part.glsl
-uniform mat4 clip_from_object;
+//! include placed.part.glsl
 uniform vec2 pixel;  // size of a pixel in normalised device coordinates
 uniform float half_width;
 in vec3 a_position;
@@ -31,8 +31,8 @@ out vec3 color;
 const float FAR_DEPTH = 0.9999999;
 
 void main() {
-    vec4 a = clip_from_object * vec4(a_position, 1.0);
-    vec4 b = clip_from_object * vec4(b_position, 1.0);
+    vec4 a = placed(a_position);
+    vec4 b = placed(b_position);
     // how far along a -> b the ends are once what lies before the near plane is cut off
     float near_a = a.z + a.w, near_b = b.z + b.w;
     float start = near_a < 0.0 ? near_a / (near_a - near_b) : 0.0;

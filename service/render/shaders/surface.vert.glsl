@@ -1,6 +1,6 @@
 // A surface in object space. The definitions NORMAL, UV and COLOR name the attributes there are.
 //! include srgb.part.glsl
-uniform mat4 clip_from_object;
+//! include placed.part.glsl
 in vec3 in_position;
 #ifdef NORMAL
 in vec3 in_normal;
@@ -16,7 +16,7 @@ out vec3 color;
 #endif
 
 void main() {
-    gl_Position = clip_from_object * vec4(in_position, 1.0);
+    gl_Position = placed(in_position);
 #ifdef NORMAL
     normal = in_normal;
 #endif
