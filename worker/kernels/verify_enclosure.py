@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from geometry.borrowing import borrowing
-from geometry.predicates import orient2d_sign, orient_sign
+from geometry.predicates import UNDERFLOW_GUARD, orient2d_sign, orient_sign
 from worker.kernels.bake_boxes import LEAF, STACK, boxes_meet
 
 BESIDE_ERROR = 1e-14  # of a plane's value at a point, over the product of absolute values in it: some 20 roundings of 2^-53
