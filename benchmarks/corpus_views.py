@@ -21,7 +21,7 @@ from service.measure.reference import reference
 from service.render.frame import render_frame
 from service.render.state import Gpu
 from tests.eye_cases import awkward
-from tests.oracles_hull import surface_points, uncovered
+from tests.oracles_hull import NEIGHBOURHOOD, surface_points, uncovered, winding_numbers
 
 Values = dict[str, Any]
 VIEWS, SIDE_PX = 24, 256
@@ -29,6 +29,8 @@ SEED = 7
 NEAREST, FARTHEST = 1.5, 4.0  # radii
 CLOSE = 0.02  # radii above a face, for eyes that nearly touch it
 VERTICES, SURFACE_POINTS = 20_000, 4_000
+LOOKED_INTO, BALL_POINTS = 64, 512
+"""Points that seem to be outside a hull and are looked into, and how many points about each of them are."""
 CACHE_MIB = 1024
 EXACT = "clipped/coverage"
 """The rung whose outline is exact."""
@@ -129,14 +131,25 @@ def in_order(edges: I4) -> I4:
 
 
 def enclosure(asset: MeshAsset) -> Values:
-    """Whether the hull holds the mesh, by winding numbers."""
+    """Whether the hull holds the mesh, by winding numbers. outside: points that it does not, LOOKED_INTO at most."""
     if asset.hull is None:
         return {"enclosed": None, "outside": None}
     rng = np.random.default_rng(SEED)
     chosen = rng.permutation(len(asset.positions))[:VERTICES]
     points = np.concatenate([asset.positions[chosen].astype(np.float64), surface_points(asset.positions, asset.faces, SURFACE_POINTS)])
-    outside = int(uncovered(asset.positions, asset.faces, asset.hull["positions"], asset.hull["faces"], points).sum())
+    original, hull = (asset.positions, asset.faces), (asset.hull["positions"], asset.hull["faces"])
+    found = points[uncovered(*original, *hull, points)][:LOOKED_INTO]
+    balls = found[:, None] + rng.normal(size=(len(found), BALL_POINTS, 3)) * NEIGHBOURHOOD
+    outside = sum(lacks_interior(original, hull, ball) for ball in balls)
     return {"enclosed": outside == 0, "outside": outside}
+
+
+def lacks_interior(original: tuple[Array, Array], hull: tuple[Array, Array], points: F8) -> bool:
+    """Whether some of the (n, 3) points are inside the original and not inside its hull.
+
+    Where a surface crosses itself that tells a point that the hull leaves out from one beside another sheet, whose interior the hull has.
+    """
+    return bool(((winding_numbers(*original, points) > 0.5) & (winding_numbers(*hull, points) < 0.5)).any())
 
 
 def pictures(asset: MeshAsset, cameras: list[Camera], side: int) -> Values:

@@ -130,8 +130,9 @@ def asset(folder):
 
 def test_a_hull_that_a_vertex_sticks_out_of_does_not_enclose(asset):
     assert enclosure(asset) == {"enclosed": True, "outside": 0}
-    cut = asset.hull | {"positions": asset.hull["positions"] * np.float32(0.9)}
-    assert enclosure(replace(asset, hull=cut))["enclosed"] is False
+    for scale in (0.9, 0.99999):
+        cut = asset.hull | {"positions": asset.positions * np.float32(scale), "faces": asset.faces}
+        assert enclosure(replace(asset, hull=cut))["enclosed"] is False
 
 
 def test_the_tree_of_another_surface_is_told_apart(asset):
