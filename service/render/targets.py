@@ -31,14 +31,17 @@ class Targets:
 
     def __init__(self, gl: GlContext) -> None:
         self._gl = gl
-        self._kept: OrderedDict[tuple[int, int, int], Target] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, int, int, bool], Target] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._kept)
 
-    def get(self, width: int, height: int, samples: int = 0) -> Target:
-        """A framebuffer of at least width x height pixels; what is in it is anything."""
-        key = (-(-width // SIZE_STEP) * SIZE_STEP, -(-height // SIZE_STEP) * SIZE_STEP, samples)
+    def get(self, width: int, height: int, samples: int = 0, *, apart: bool = False) -> Target:
+        """A framebuffer of at least width x height pixels; what is in it is anything.
+
+        apart: not the one of the same size that is given without, which may be read while this one is drawn to.
+        """
+        key = (-(-width // SIZE_STEP) * SIZE_STEP, -(-height // SIZE_STEP) * SIZE_STEP, samples, apart)
         if key not in self._kept:
             while len(self._kept) >= MOST_TARGETS:
                 self._delete(self._kept.popitem(last=False)[1])

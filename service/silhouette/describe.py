@@ -174,4 +174,10 @@ def _divided(homogeneous: F8) -> F8:
 
 
 def _model_eye(eye: F8, frame: Frame) -> F8:
-    return np.append(frame.to_model(eye[:3]) if eye[3] else eye[:3], eye[3])
+    if not eye[3]:
+        return eye
+    with np.errstate(over="ignore"):
+        place = frame.to_model(eye[:3])
+    if not np.isfinite(place).all():
+        raise InvalidRequestError("the eye is farther away than numbers go", field="camera")
+    return np.append(place, 1.0)

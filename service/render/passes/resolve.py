@@ -18,7 +18,7 @@ def resolve_samples(frame: FrameState) -> None:
     program = gpu.programs.get("screen", "resolve", definitions)
     sampled.color.use(0)
     gpu.programs.set(program, samples=0, texel=(1.0 / sampled.size[0], 1.0 / sampled.size[1]))
-    frame.target = gpu.targets.get(frame.tile.width, frame.tile.height)
+    frame.target = gpu.targets.get(frame.tile.width, frame.tile.height, apart=True)
     framebuffer = frame.target.framebuffer
     framebuffer.viewport = (0, 0, frame.tile.width, frame.tile.height)
     framebuffer.color_mask = (True, True, True, True)
