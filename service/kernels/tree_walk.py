@@ -20,7 +20,19 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 from geometry.predicates import is_front_facing
 from service.kernels.intrinsics import fetch_ahead
 from service.kernels.tree_walk_lanes import BIT_COUNT, SET_BITS, append_lanes, missed_cones
-from service.kernels.tree_walk_leaf import SIXTEEN, WIDE, bits_at, byte_at, face_sides, first_pairs, leaf_eye, look_up, ones
+from service.kernels.tree_walk_leaf import (
+    SIXTEEN,
+    WIDE,
+    bits_at,
+    byte_at,
+    close_faces,
+    face_sides,
+    first_pairs,
+    float_at,
+    leaf_eye,
+    look_up,
+    ones,
+)
 
 CONE_ERROR = 2.0**-19
 """32 u, of which the test's roundings use at most 20."""
@@ -36,10 +48,11 @@ BELOW, LEAF, MASKS, NEXT, BLOCK_WORDS = 96, 104, 112, 113, 128
 EDGES_BITS, VERTICES_BITS, TURN_BITS, MORE_BIT = 8, 16, 24, 26
 """Of a leaf's counts: faces in the lowest byte, edges, vertices, by how much the eye's coordinates are turned, and whether the
 next leaf is of the same node."""
-PLANE, STEP, ERROR, COUNTS, FACE_LANE, FORCED, FLIPPED, HEAD_WORDS = 0, 4, 8, 10, 11, 12, 14, 16
+PLANE, STEP, ERROR, ALARM, COUNTS, FACE_LANE, FORCED, FLIPPED, HEAD_WORDS = 0, 4, 8, 9, 10, 11, 12, 14, 16
 """Words of a leaf's head: its plane and the steps of the 16-bit differences from it (four words each, of which the plane's
-first is 1 and the steps' first is 0), errors of normal and distance, counts, the word where its faces are listed, and the bits
-of the faces that are always decided exactly and of those whose plane is stored turned round, two words each."""
+first is 1 and the steps' first is 0), the larger of the errors of normals and distances, the same or infinity where some faces
+are always decided exactly, counts, the word where the leaf's faces are listed, and the bits of the faces that are always
+decided exactly and of those whose plane is stored turned round, two words each."""
 
 FARTHEST_EYE = 1e14
 """Normalised units: beyond, squares of scaled normals times the eye could overflow float32; such eyes are brute force."""
@@ -50,7 +63,6 @@ AT_INFINITY = 1e-30  # stands for the fourth coordinate where a separation count
 
 _BITS = SET_BITS.ravel()
 _BYTE = np.uint64(0xFF)
-_HALF = np.uint64(0xFFFF)
 _ONE = np.uint64(1)
 _FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
 _AHEAD, _LINES = 4, 10  # leaves whose first lines are asked for ahead
@@ -128,7 +140,7 @@ def visit_leaves(arena, leaves, positions, faces, eye, eyes, out):
     """
     count, tested = 0, 0
     pairs = np.empty(2 * LINE, np.int32)
-    away = abs(eyes[0]) + abs(eyes[1]) + abs(eyes[2])
+    reach = reach_of(eyes)
     last = leaves.shape[0] - 1
     for i in range(leaves.shape[0]):
         coming = LINE * np.intp(arena[leaves[min(i + _AHEAD, last)]])
@@ -139,7 +151,7 @@ def visit_leaves(arena, leaves, positions, faces, eye, eyes, out):
         while more:
             counts = arena[at + COUNTS]
             own_faces, own_edges, own_vertices = counts & 0xFF, (counts >> EDGES_BITS) & 0xFF, (counts >> VERTICES_BITS) & 0xFF
-            front, doubtful = leaf_sides(arena, at, counts, eyes, away)
+            front, doubtful = leaf_sides(arena, at, counts, eyes, reach)
             if doubtful:
                 front = _settle(front, doubtful, arena, np.intp(arena[at + FACE_LANE]), positions, faces, eye)
             ends = at + HEAD_WORDS + 12 * ((own_faces + 7) >> 3)
@@ -159,19 +171,27 @@ def _word_of(arena, at):
     return np.uint64(np.uint32(arena[at])) | (np.uint64(np.uint32(arena[at + 1])) << np.uint64(32))
 
 
+@njit(cache=True)
+def reach_of(eyes):
+    """|x| + |y| + |z| + w, f4, of `turned_eyes`: a leaf's error times it bounds the error of a face's height."""
+    return abs(eyes[0]) + abs(eyes[1]) + abs(eyes[2]) + eyes[3]
+
+
 @njit(cache=True, inline="always")
-def leaf_sides(arena, at, counts, eyes, away):
-    """(faces that are front, faces that are doubtful) of the leaf at word `at`, as bits; the other arguments as `leaf_eye`'s."""
+def leaf_sides(arena, at, counts, eyes, reach):
+    """(faces that are front, faces that are doubtful) of the leaf at word `at`, as bits.
+
+    counts: its word COUNTS, eyes (12,) f4 of `turned_eyes`, reach f4 of `reach_of`.
+    """
     own_faces = counts & 0xFF
-    base, b, c, d, bound = leaf_eye(arena, at, eyes, (counts >> TURN_BITS) & 3, away)
+    base, b, c, d = leaf_eye(arena, at, eyes, (counts >> TURN_BITS) & 3)
     row = ((own_faces + 7) >> 3) << 2
-    over, doubtful = np.uint64(0), _word_of(arena, at + FORCED)
-    for k in range(4):  # all 64 always: fewer would cost a branch
-        word = face_sides(arena, at + HEAD_WORDS + 8 * k, row, base, b, c, d, bound)
-        shift = np.uint64(SIXTEEN * k)
-        over |= (word & _HALF) << shift
-        doubtful |= (word >> np.uint64(SIXTEEN)) << shift
-    return over ^ _word_of(arena, at + FLIPPED), doubtful & _first(own_faces)
+    over, some = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d, float_at(arena, at + ALARM) * reach)
+    doubtful = np.uint64(0)
+    if some:  # hardly ever
+        close = close_faces(arena, at + HEAD_WORDS, row, base, b, c, d, float_at(arena, at + ERROR) * reach)
+        doubtful = (close | _word_of(arena, at + FORCED)) & _first(own_faces)
+    return over ^ _word_of(arena, at + FLIPPED), doubtful
 
 
 @njit(cache=True)

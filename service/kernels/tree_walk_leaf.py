@@ -1,6 +1,6 @@
 """Tests of a leaf's faces and edges, sixteen to sixty-four at once, as LLVM vectors behind functions for numba kernels.
 
-Two of them have one instruction on CPUs with AVX-512 VBMI and VBMI2 (`WIDE`): looking up 64 bits by 64 bytes, and moving the
+Some have one instruction on CPUs with AVX-512 DQ, VBMI and VBMI2 (`WIDE`): looking up 64 bits by 64 bytes, and moving the
 chosen ones of 64 bytes together. Elsewhere the look-up is made of eight shifts, and the chosen edges are taken one by one.
 """
 
@@ -13,8 +13,11 @@ from numba.extending import intrinsic
 
 SIXTEEN, ALL = 16, 64
 _FEATURES = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
-WIDE = "+avx512vbmi" in _FEATURES and "+avx512vbmi2" in _FEATURES
+WIDE = {"+avx512dq", "+avx512vbmi", "+avx512vbmi2"} <= set(_FEATURES)
 """Decided from what numba compiles for, which is also what it names its cached code by."""
+
+_LEAST_SIZE, _NO_ROUNDING = 0b1010, 4
+"""Of the instruction that picks the smaller of two absolute values: what it does, and that it rounds as ever."""
 
 _FLOAT, _SHORT, _BYTE, _WORD, _LONG = ir.FloatType(), ir.IntType(16), ir.IntType(8), ir.IntType(32), ir.IntType(64)
 _BIT = ir.IntType(1)
@@ -48,13 +51,13 @@ def _multiply_add(builder, a, b, c):
 
 
 @intrinsic
-def leaf_eye(typingctx, arena, at, eyes, turn, away):
-    """(height over the leaf's plane, the three steps times the eye, bound of the error) for the leaf's head at word `at`.
+def leaf_eye(typingctx, arena, at, eyes, turn):
+    """(height over the leaf's plane, the three steps times the eye) for the leaf's head at word `at`.
 
-    The head: a plane (1, b, c, d) for the eye with its coordinates turned by `turn`, steps of b, c and d, errors of the normal
-    and of d. eyes (12,) f4: x y z w, y z x w, z x y w; away: |x| + |y| + |z|.
+    The head: a plane (1, b, c, d) for the eye with its coordinates turned by `turn`, then steps of b, c and d. eyes (12,) f4:
+    x y z w, y z x w, z x y w.
     """
-    signature = types.UniTuple(types.float32, 5)(_ARENA, types.intp, types.Array(types.float32, 1, "C"), types.intp, types.float32)
+    signature = types.UniTuple(types.float32, 4)(_ARENA, types.intp, types.Array(types.float32, 1, "C"), types.intp)
     four = ir.VectorType(_FLOAT, 4)
 
     def codegen(context, builder, sig, args):
@@ -62,42 +65,94 @@ def leaf_eye(typingctx, arena, at, eyes, turn, away):
         row = context.make_array(sig.args[2])(context, builder, args[2]).data
         eye = _load(builder, builder.gep(row, [builder.mul(args[3], ir.Constant(_LONG, 4))]), four)
         plane, steps = (_load(builder, builder.gep(address, [ir.Constant(_LONG, k)]), four) for k in (0, 4))
-        # one by one: the words behind them are integers, which are denormal numbers to arithmetic, and slow
-        of_normal, of_distance = (_load(builder, builder.gep(address, [ir.Constant(_LONG, k)]), _FLOAT) for k in (8, 9))
         terms, scaled = builder.fmul(plane, eye), builder.fmul(steps, eye)
         t = [builder.extract_element(terms, ir.Constant(_WORD, k)) for k in range(4)]
         base = builder.fadd(builder.fadd(t[0], t[1]), builder.fadd(t[2], t[3]))
         s = [builder.extract_element(scaled, ir.Constant(_WORD, k)) for k in range(1, 4)]
-        w = builder.extract_element(eye, ir.Constant(_WORD, 3))
-        bound = builder.fadd(builder.fmul(of_normal, args[4]), builder.fmul(of_distance, w))
-        return context.make_tuple(builder, sig.return_type, [base, *s, builder.fadd(bound, ir.Constant(_FLOAT, 1e-30))])
+        return context.make_tuple(builder, sig.return_type, [base, *s])
+
+    return signature, codegen
+
+
+def _heights(context, builder, sig, args):
+    """Four <16 x float> heights over planes, of the first arguments of `face_sides`."""
+    address = _pointer(context, builder, sig, args)
+    base, *scaled = (_splat(builder, value, _FLOATS) for value in args[3:7])
+    heights = []
+    for k in range(0, ALL, SIXTEEN):
+        height, row = base, builder.gep(builder.bitcast(address, _SHORT.as_pointer()), [ir.Constant(_LONG, k)])
+        for coefficient in scaled:
+            short = _load(builder, row, ir.VectorType(_SHORT, SIXTEEN))
+            height = _multiply_add(builder, builder.sitofp(short, _FLOATS), coefficient, height)
+            row = builder.gep(row, [builder.mul(args[2], ir.Constant(_LONG, 2))])
+        heights.append(height)
+    return heights
+
+
+def _absolute(builder, value):
+    kind = ir.FunctionType(value.type, [value.type])
+    return builder.call(builder.module.declare_intrinsic(f"llvm.fabs.v{value.type.count}f32", (), kind), [value])
+
+
+def _least_size(builder, parts):
+    """Per lane the least absolute value of the vectors."""
+    if WIDE:
+        mask = ir.IntType(SIXTEEN)
+        kind = ir.FunctionType(_FLOATS, [_FLOATS, _FLOATS, _WORD, _FLOATS, mask, _WORD])
+        of_two = builder.module.declare_intrinsic("llvm.x86.avx512.mask.range.ps.512", (), kind)
+        rest = [
+            ir.Constant(_WORD, _LEAST_SIZE),
+            ir.Constant(_FLOATS, ir.Undefined),
+            ir.Constant(mask, -1),
+            ir.Constant(_WORD, _NO_ROUNDING),
+        ]
+        while len(parts) > 1:
+            parts = [builder.call(of_two, [a, b, *rest]) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+        return parts[0]
+    least, *others = (_absolute(builder, part) for part in parts)
+    for other in others:
+        least = builder.select(builder.fcmp_ordered("<", other, least), other, least)
+    return least
+
+
+def _joined(builder, parts):
+    """One vector of the same vectors' lanes, one after the other."""
+    while len(parts) > 1:
+        size = parts[0].type.count
+        order = ir.Constant(ir.VectorType(_WORD, 2 * size), list(range(2 * size)))
+        parts = [builder.shuffle_vector(a, b, order) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+    return parts[0]
+
+
+@intrinsic
+def face_sides(typingctx, arena, at, row, base, b, c, d, bound):
+    """(word whose bit j says that the eye is over plane j, whether that is not sure of every plane) for the 64 faces at word `at`.
+
+    Three rows of 64 16-bit numbers, `row` words apart, times (b, c, d) and plus base: the height over the plane, which is
+    sure beyond `bound`. What lies behind the last face counts as a plane, so "not sure" may be a false alarm.
+    """
+    signature = types.Tuple((types.uint64, types.boolean))(_ARENA, types.intp, types.intp, *([types.float32] * 5))
+
+    def codegen(context, builder, sig, args):
+        heights, nothing = _heights(context, builder, sig, args), ir.Constant(_FLOATS, [0.0] * SIXTEEN)
+        over = builder.bitcast(_joined(builder, [builder.fcmp_ordered(">", height, nothing) for height in heights]), _LONG)
+        least = _least_size(builder, heights)
+        close = builder.bitcast(builder.fcmp_unordered("<=", least, _splat(builder, args[7], _FLOATS)), _SHORT)
+        doubtful = builder.icmp_unsigned("!=", close, ir.Constant(_SHORT, 0))
+        return context.make_tuple(builder, sig.return_type, [over, doubtful])
 
     return signature, codegen
 
 
 @intrinsic
-def face_sides(typingctx, arena, at, row, base, b, c, d, bound):
-    """Word for the sixteen faces at word `at`: bit j says that the eye is surely over plane j, bit 16 + j that it is doubtful.
-
-    Three rows of sixteen 16-bit numbers, `row` words apart, times (b, c, d) and plus base: the height over the plane, which is
-    sure beyond `bound`.
-    """
+def close_faces(typingctx, arena, at, row, base, b, c, d, bound):
+    """Word whose bit j says that the height over plane j is within `bound`; the arguments are those of `face_sides`."""
     signature = types.uint64(_ARENA, types.intp, types.intp, *([types.float32] * 5))
 
     def codegen(context, builder, sig, args):
-        address = _pointer(context, builder, sig, args)
-        height = _splat(builder, args[3], _FLOATS)
-        for k in range(3):
-            short = _load(builder, address, ir.VectorType(_SHORT, SIXTEEN))
-            height = _multiply_add(builder, builder.sitofp(short, _FLOATS), _splat(builder, args[4 + k], _FLOATS), height)
-            address = builder.gep(address, [args[2]])
         bound_ = _splat(builder, args[7], _FLOATS)
-        over = builder.fcmp_ordered(">", height, bound_)
-        under = builder.fcmp_ordered("<", height, builder.fneg(bound_))
-        doubtful = builder.not_(builder.or_(over, under))
-        low = builder.zext(builder.bitcast(over, _SHORT), _LONG)
-        high = builder.zext(builder.bitcast(doubtful, _SHORT), _LONG)
-        return builder.or_(low, builder.shl(high, ir.Constant(_LONG, SIXTEEN)))
+        close = [builder.fcmp_unordered("<=", _absolute(builder, height), bound_) for height in _heights(context, builder, sig, args)]
+        return builder.bitcast(_joined(builder, close), _LONG)
 
     return signature, codegen
 
@@ -115,11 +170,18 @@ def _looked_up(builder, numbers, word):
         part = builder.shuffle_vector(numbers, numbers, ir.Constant(ir.VectorType(_WORD, 8), list(range(k, k + 8))))
         shift = builder.and_(builder.zext(part, lanes), ir.Constant(lanes, [63] * 8))
         found.append(builder.trunc(builder.lshr(_splat(builder, word, lanes), shift), ir.VectorType(_BIT, 8)))
-    while len(found) > 1:
-        size = found[0].type.count
-        order = ir.Constant(ir.VectorType(_WORD, 2 * size), list(range(2 * size)))
-        found = [builder.shuffle_vector(a, b, order) for a, b in zip(found[::2], found[1::2], strict=True)]
-    return found[0]
+    return _joined(builder, found)
+
+
+@intrinsic
+def float_at(typingctx, arena, at):
+    """The float32 at word `at`."""
+    signature = types.float32(_ARENA, types.intp)
+
+    def codegen(context, builder, sig, args):
+        return _load(builder, _pointer(context, builder, sig, args), _FLOAT)
+
+    return signature, codegen
 
 
 @intrinsic

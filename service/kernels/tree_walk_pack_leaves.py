@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from service.kernels.tree_walk import (
+    ALARM,
     COUNTS,
     EDGES_BITS,
     ERROR,
@@ -182,8 +183,9 @@ def _pack_planes(planes, own, count, reach, arena, at):
                 worst[k] = max(worst[k], abs(middle + number * step - values[i]))
     floats[at + PLANE] = 1.0
     steepness = max(1.0, size[1], size[2]) ** 2
-    floats[at + ERROR] = (max(worst[1], worst[2]) + PLANE_ERROR * steepness) * _ROUNDED_UP
-    floats[at + ERROR + 1] = (worst[3] + PLANE_ERROR * (steepness * reach + size[3])) * _ROUNDED_UP
+    of_normals, of_distances = max(worst[1], worst[2]) + PLANE_ERROR * steepness, worst[3] + PLANE_ERROR * (steepness * reach + size[3])
+    floats[at + ERROR] = max(of_normals, of_distances) * _ROUNDED_UP
+    floats[at + ALARM] = np.inf if forced else floats[at + ERROR]
     _put_word(arena, at + FORCED, forced)
     _put_word(arena, at + FLIPPED, flipped)
     return turn
