@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from schemas.conventions import F4, F8, I4, Array
+from schemas.errors import InvalidRequestError
 from service.camera import View
 from service.kernels import clip as kernels
 from service.kernels import clip_layers
@@ -22,6 +23,8 @@ from service.threads import cores, side_by_side
 
 EDGES_A_CORE = 4096
 """Fewer are projected in less time than it takes to wake a thread."""
+TOUCHING = 1e-9
+"""Normalised units: an eye so near to a face is on it."""
 RAYS = ((0.4637, 0.5319), (0.2713, 0.3491), (0.7129, 0.6373))
 """Where rays are shot to count layers, in parts of the image: away from its lines of symmetry."""
 
@@ -94,7 +97,10 @@ def surrounding_layers(view: View, positions: F4, faces: I4, segments: F8) -> in
 
     Needed only when the eye is inside the convex hull, that is never when it is outside the unit sphere. Walks all faces (f, 3) i4
     once. Counts along three rays and takes the middle count, so that a ray through an edge does no harm.
+    Raises InvalidRequestError for an eye on the surface: the face that it is on counts as front-facing and is met by no ray.
     """
+    if clip_layers.touches(positions, faces, view.eye, TOUCHING):
+        raise InvalidRequestError("the eye is on the surface of the mesh, whose outline has no inside from there", field="camera")
     matrix = pixel_matrix(view)
     counts = []
     for x, y in RAYS:

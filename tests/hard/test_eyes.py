@@ -13,16 +13,18 @@ from scipy.spatial import ConvexHull
 
 from geometry.silhouettes import face_planes, silhouette_edgewise, silhouette_scalar, silhouette_simd
 from geometry.topology import build_edges
-from schemas.errors import SilhouetteError
-from schemas.render import Accuracy, Camera, RenderRequest, Shading
+from schemas.errors import InvalidRequestError, SilhouetteError
+from schemas.render import Accuracy, Camera, ProjectTo, RenderRequest, Shading, SilhouetteRequest
 from service.camera import resolve_camera
 from service.render.choice import CERTAIN
 from service.render.frame import render_frame
 from service.silhouette.contours import link_contours
+from service.silhouette.coverage import coverage_mask
+from service.silhouette.describe import describe_silhouette
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.project import project_edges
 from tests import oracles
-from tests.hard.rays import covered
+from tests.hard.rays import covered, layers
 from tests.hard.standing import UNIT, framed, standpoints, unframed
 from tests.service.render.made import clippable, grown
 
@@ -227,3 +229,25 @@ def test_outline_of_a_corner_hardly_before_the_eye_is_where_it_is(gpu, source, d
     accuracy = Accuracy(source=source, antialias="none")
     alpha = render_frame(gpu, asset, RenderRequest(camera=camera, width=256, height=256, accuracy=accuracy)).pixels[:, :, 3] / 255.0
     assert picture_fault(alpha, truth[None], "none") is None
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_drawing_from_on_the_surface_is_refused_and_from_beside_it_is_right(name):
+    asset, eyes = stood(name)
+    on_it = []
+    for label, eye in eyes.items():
+        camera = Camera(**framed(asset, eye, SIDE, SIDE))
+        request = SilhouetteRequest(camera=camera, project=ProjectTo(width=SIDE, height=SIDE))
+        try:
+            outline = describe_silhouette(asset, request).outline
+        except InvalidRequestError as error:
+            assert error.where["field"] == "camera"
+            on_it.append(label)
+            continue
+        view = resolve_camera(camera, UNIT, SIDE, SIDE)
+        segments = np.concatenate([np.empty((0, 4)), *(np.column_stack([p, np.roll(p, -1, axis=0)]) for p in outline.polygons())])
+        front, _ = layers(view, asset.positions, asset.faces, SAMPLES)
+        truth = (front > 0).reshape(SIDE, SAMPLES, SIDE, SAMPLES).mean(axis=(1, 3))
+        assert np.abs(coverage_mask(segments, SIDE, SIDE).mask / 255.0 - truth).max() <= 2.0 / SAMPLES, label
+    assert {"in a face", "on an edge", "at a vertex"} <= set(on_it)
+    assert len(on_it) <= 7
