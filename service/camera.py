@@ -28,6 +28,8 @@ DEPTH_MARGIN = 1.001
 """The depth range is this much larger than the sphere that is drawn."""
 NEAREST_PART = 1e-4
 """near >= this part of far: with 24 bits of depth, a thousandth of the range still resolves at the near end."""
+LEAST_FOCAL = 1e-7
+"""A wider field of view is refused: what is seen at the image's border would lie in the eye plane as far as can be computed."""
 FARTHEST = 1e30
 """Radii, pixels per unit and their inverses beyond this are refused: matrices must survive a cast to float32."""
 
@@ -164,16 +166,7 @@ def _fit_distance(focal: float, aspect: float) -> float:
 
 def _perspective(pose: _Pose, focal: float, size: tuple[int, int], radius: float) -> View:
     width, height = size
-    depth = -pose.origin[2]
-    reach = radius * DEPTH_MARGIN
-    # all of the sphere behind the eye: any range will do, nothing is visible
-    far, beyond = (depth + reach, reach) if depth + reach > 0.0 else (reach, reach - depth)
-    near, before = depth - reach, reach
-    if near < far * NEAREST_PART:
-        near, before = far * NEAREST_PART, depth - far * NEAREST_PART
-    # -(f + n) / (f - n) z - 2 f n / (f - n) with z = r.p - depth, n = depth - before, f = depth + beyond, cancelled by hand
-    forwards = -(far + near) / (before + beyond)
-    shift = (2.0 * before * beyond - depth * (beyond - before)) / (before + beyond)
+    near, far, forwards, shift = _depths(-pose.origin[2], radius * DEPTH_MARGIN)
     rows = (
         _row(pose, 0, focal * height / width),
         _row(pose, 1, focal),
@@ -181,6 +174,24 @@ def _perspective(pose: _Pose, focal: float, size: tuple[int, int], radius: float
         _row(pose, 2, -1.0),
     )
     return _checked(pose, rows, size, (near, far), focal * height / 2.0)
+
+
+def _depths(depth: float, reach: float) -> tuple[float, float, float, float]:
+    """(near, far, forwards, shift): the range of depths, and the matrix row forwards * (backward . p) + shift that takes it to -w ... w.
+
+    depth: of the middle of a sphere of radius `reach` that holds everything; it may be behind the eye.
+    """
+    if depth + reach <= 0.0:
+        # any range will do, nothing is visible
+        near, far = reach * NEAREST_PART, reach
+        forwards = -(far + near) / (far - near)
+        return near, far, forwards, -forwards * depth - 2.0 * far * near / (far - near)
+    far, beyond = depth + reach, reach
+    near, before = depth - reach, reach
+    if near < far * NEAREST_PART:
+        near, before = far * NEAREST_PART, depth - far * NEAREST_PART
+    # -(f + n) / (f - n) z - 2 f n / (f - n) with z = r.p - depth, n = depth - before, f = depth + beyond, cancelled by hand
+    return near, far, -(far + near) / (before + beyond), (2.0 * before * beyond - depth * (beyond - before)) / (before + beyond)
 
 
 def _orthographic(pose: _Pose, image_height: float, size: tuple[int, int], radius: float) -> View:
@@ -215,7 +226,10 @@ def _row(pose: _Pose, axis: int, scale: float) -> tuple[float, ...]:
 def _focal(fov_y_deg: float, field: str) -> float:
     """1 / tan(half the field of view)."""
     half = math.radians(fov_y_deg) / 2.0
-    return _positive(math.cos(half) / math.sin(half) if half > 1.0 / FARTHEST else math.inf, field)
+    focal = math.cos(half) / math.sin(half) if half > 1.0 / FARTHEST else math.inf
+    if focal < LEAST_FOCAL:
+        raise InvalidRequestError(f"{field} is too close to 180 degrees", field=field)
+    return _positive(focal, field)
 
 
 def _positive(value: float, field: str) -> float:

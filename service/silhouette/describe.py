@@ -14,6 +14,7 @@ from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.mesh import Capability
 from schemas.render import ProjectTo, SilhouetteRequest
 from service.camera import View, resolve_camera
+from service.kernels.clip import EYE_PLANE
 from service.kernels.contours import compact
 from service.silhouette.contours import Contours, link_contours
 from service.silhouette.extract import SilhouetteTree
@@ -169,7 +170,8 @@ def _homogeneous(view: View, positions: F4) -> F8:
 
 
 def _divided(homogeneous: F8) -> F8:
-    w = np.where(homogeneous[:, 2:] > 0.0, homogeneous[:, 2:], np.nan)
+    # at the eye plane the quotient is no place in the image, and may be no number
+    w = np.where(homogeneous[:, 2:] >= EYE_PLANE, homogeneous[:, 2:], np.nan)
     return np.asarray(homogeneous[:, :2] / w)
 
 

@@ -1,11 +1,7 @@
-"""Random closed meshes, most of them full of coplanar faces, seen from random places: what must hold for every mesh and every eye.
-
-`HARD_EXAMPLES=10` makes ten times as many examples, others every time.
-"""
+"""Random closed meshes, most of them full of coplanar faces, seen from random places: what must hold for every mesh and every eye."""
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from contextlib import nullcontext
 from functools import lru_cache
@@ -13,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from geometry.hull_sequence import replay_steps
@@ -28,22 +24,16 @@ from service.silhouette.extract import SilhouetteTree
 from service.silhouette.project import TOUCHING, project_edges, surrounding_layers
 from tests import eye_cases, oracles
 from tests.hard import fields
+from tests.hard.examples import examples
 from tests.hard.rays import layers
 from tests.hard.standing import UNIT, standpoints
 from tests.oracles_hull import distance, points_outside, surface_points, winding_numbers
 from tests.service.render.made import grown, quiet
 from worker.hull import build_hull
 
-MORE = int(os.environ.get("HARD_EXAMPLES", "1"))
 WIDTH, HEIGHT = 14, 11
 UNDECIDED_PX = 1e-6
 """A pixel's middle so near to an edge of the silhouette is on neither side of it."""
-
-
-def examples(count):
-    """So many examples of a test, the same every time unless more were asked for."""
-    slow = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
-    return settings(max_examples=count * MORE, derandomize=MORE == 1, deadline=None, suppress_health_check=slow)
 
 
 def body(rng):
