@@ -21,6 +21,7 @@ from geometry.predicates import is_front_facing
 from service.kernels.intrinsics import fetch_ahead
 from service.kernels.tree_walk_lanes import BIT_COUNT, SET_BITS, append_lanes, missed_cones
 from service.kernels.tree_walk_leaf import (
+    ALL,
     SIXTEEN,
     WIDE,
     bits_at,
@@ -36,10 +37,10 @@ from service.kernels.tree_walk_leaf import (
 
 CONE_ERROR = 2.0**-19
 """32 u, of which the test's roundings use at most 20."""
-PLANE_ERROR = 2.0**-19
-"""Of a face's test in float32: 32 u times the square of the largest coefficient m of a leaf's planes (1, b, c). At most 12
+PLANE_ERROR = 2.0**-20
+"""Of a face's test in float32: 16 u times the square of the largest coefficient m of a leaf's planes (1, b, c). At most 12
 roundings of terms of at most m take 12 u m; a unit normal is known to 2^-3 u, which grows to u m^2 where one component of it
-is made 1."""
+is made 1: 13 u m^2 together."""
 
 LINE = 16  # words in a cache line
 BELOW, LEAF, MASKS, NEXT, BLOCK_WORDS = 96, 104, 112, 113, 128
@@ -188,7 +189,9 @@ def leaf_sides(arena, at, counts, eyes, reach):
     row = ((own_faces + 7) >> 3) << 2
     over, some = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d, float_at(arena, at + ALARM) * reach)
     doubtful = np.uint64(0)
-    if some:  # hardly ever
+    if some:  # hardly ever; then the list of the faces is asked for while they are told apart
+        for k in range(ALL // LINE):
+            fetch_ahead(arena, np.intp(arena[at + FACE_LANE]) + LINE * k)
         close = close_faces(arena, at + HEAD_WORDS, row, base, b, c, d, float_at(arena, at + ERROR) * reach)
         doubtful = (close | _word_of(arena, at + FORCED)) & _first(own_faces)
     return over ^ _word_of(arena, at + FLIPPED), doubtful
