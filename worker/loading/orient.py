@@ -13,15 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.topology import face_components
-from schemas.conventions import F8
+from schemas.conventions import F4, F8, Array
+from worker.kernels import bake_boxes, verify_enclosure
 from worker.kernels.load_around_edge import neighbours_around
-from worker.kernels.load_inside import winding_number
 from worker.kernels.load_union import directions
 from worker.loading.manifold import MOST_FACES
 from worker.loading.surface import HalfEdges, Index, Mask, Surface
 
 MAX_CAVITY_WORK = 200_000_000
 """Faces looked at to tell cavities from bodies, some seconds; beyond it, every component is turned outward."""
+MOST_LOOKS = 64
+"""Vertices of a component that are looked at to tell whether it is a cavity."""
 FLAT = 1e-12
 """Signed volume by (area times extent) below which a component is flat and has no outside."""
 
@@ -116,9 +118,16 @@ def _cavities(surface: Surface, component: Index, negative: Index, closed: Mask)
     if len(negative) * int(solid.sum()) > MAX_CAVITY_WORK:
         return np.zeros(len(negative), bool)
     faces, label = surface.faces[solid], component[solid]
-    p = surface.positions.astype(np.float64)
     found = np.zeros(len(negative), bool)
     for i, c in enumerate(negative):
-        point = p[faces[label == c][0, 0]]
-        found[i] = round(winding_number(p, faces[label != c], point)) >= 1
+        found[i] = _is_inside(surface.positions, np.unique(faces[label == c]), faces[label != c].astype(np.int32))
     return found
+
+
+def _is_inside(positions: F4, vertices: Index, faces: Array) -> bool:
+    """Whether at least half of some vertices, but for those on a solid, are inside it, each exactly; where all are on it, it is."""
+    order, boxes = bake_boxes.build_boxes(positions, faces)
+    points = positions[vertices[:MOST_LOOKS]].astype(np.float64)
+    winding, on = verify_enclosure.winding_numbers(positions, faces, order, boxes, points)
+    # a vertex that touches the wall may have been rounded to either side of it
+    return bool(2 * np.count_nonzero(winding[~on] >= 1) >= np.count_nonzero(~on))
