@@ -71,26 +71,26 @@ def build_hull(positions: F4, faces: I4, max_faces: int, progress: Callable[[flo
     steps, places = record.vertices[:count].copy(), record.positions[:count].copy()
     reached = len(triangles) - 2 * int(record.counters[COLLAPSES]) <= max_faces
     level = steps_to(steps, len(triangles), max_faces) if reached else unreached
-    level = _without_flat_faces(points, triangles, steps, places, level)
+    level, hull_positions, hull_faces = _without_flat_faces(points, triangles, steps, places, level)
     gained = float(record.volume[:level].sum())
     excess = gained / volume if volume > 0.0 else (math.inf if gained > 0.0 else 0.0)
-    hull_positions, hull_faces = replay_steps(points, triangles, steps, places, level)
     level_faces, level_steps = np.array([len(hull_faces)], np.int32), np.array([level], np.int32)
     return Hull(hull_positions, hull_faces, steps, places, level_faces, level_steps, excess if side == "outer" else -excess)
 
 
-def _without_flat_faces(points: F4, triangles: I4, steps: I4, places: F4, level: int) -> int:
-    """After how many steps, `level` at least, the hull has no face without area; `level` where none has none.
+def _without_flat_faces(points: F4, triangles: I4, steps: I4, places: F4, level: int) -> tuple[int, F4, I4]:
+    """(steps, positions, faces) of the hull after `level` steps, or so many more that it has no face without area.
 
     Faces without area are left where the original has some and may keep more faces than it has.
     """
-    more = 0
-    while level + more <= len(steps):
-        positions, faces = replay_steps(points, triangles, steps, places, level + more)
-        if not collinear(positions, faces).any():
-            return level + more
-        more = max(1, 2 * more)
-    return level
+    first = level, *replay_steps(points, triangles, steps, places, level)
+    hull, more = first, 1
+    while collinear(*hull[1:]).any():
+        if level + more > len(steps):
+            return first
+        hull = level + more, *replay_steps(points, triangles, steps, places, level + more)
+        more *= 2
+    return hull
 
 
 def _collapse_all(
