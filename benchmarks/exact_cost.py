@@ -26,12 +26,13 @@ from service.kernels.tree_walk import (
     MORE_BIT,
     TURN_BITS,
     VERTICES_BITS,
-    leaf_sides,
     open_nodes,
     reach_of,
+    sure_sides,
     turned_eyes,
 )
 from service.kernels.tree_walk_leaf import face_sides, leaf_eye, ones
+from service.kernels.tree_walk_pack_leaves import leaf_words
 from service.silhouette.extract import SilhouetteTree
 from worker.tree import build_tree
 
@@ -46,7 +47,7 @@ def _float_sides(arena, at, counts, eyes, reach):  # noqa: ANN001, ANN202
     base, b, c, d = leaf_eye(arena, at, eyes, (counts >> TURN_BITS) & 3)
     row = (((counts & 0xFF) + 7) >> 3) << 2
     over, _ = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d, np.float32(0.0))
-    return over ^ tree_walk._word_of(arena, at + FLIPPED), np.uint64(0)
+    return over ^ tree_walk._word_of(arena, at + FLIPPED), False
 
 
 def _compiled_with(kernel: Any, **replaced: Any) -> Any:
@@ -72,12 +73,10 @@ def count_sides(arena, leaves, eyes):  # noqa: ANN001, ANN201
         more = True
         while more:
             counts = arena[at + COUNTS]
-            own_faces, own_edges, own_vertices = counts & 0xFF, (counts >> EDGES_BITS) & 0xFF, (counts >> VERTICES_BITS) & 0xFF
-            _, unsure = leaf_sides(arena, at, counts, eyes, reach)
-            tested, doubtful = tested + own_faces, doubtful + ones(unsure)
+            _, unsure = sure_sides(arena, at, counts, eyes, reach)
+            tested, doubtful = tested + (counts & 0xFF), doubtful + ones(unsure)
             more = (counts >> MORE_BIT) != 0
-            words = HEAD_WORDS + 12 * ((own_faces + 7) >> 3) + 16 * ((own_edges + 15) >> 4) + own_vertices
-            at = (at + words + LINE - 1) & ~(LINE - 1)
+            at += leaf_words(counts & 0xFF, (counts >> EDGES_BITS) & 0xFF, (counts >> VERTICES_BITS) & 0xFF)
     return tested, doubtful
 
 
@@ -107,7 +106,7 @@ def measure(name: str, views: int, seconds: float, both: tuple[Any, Any]) -> Res
     mesh = {"positions": positions, "faces": faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
     tree = SilhouetteTree(mesh, build_tree(positions, faces, edges.vertices, edges.faces, silent).tensors())
     arena, lanes, scratch = tree._arena, tree._lanes, tree._scratch.words
-    arguments = (arena, scratch, lanes, tree.positions, tree.faces)
+    arguments = (arena, scratch, lanes, tree.positions)
     eyes = random_eyes(views, 0)
     sides = []
     for eye in eyes:

@@ -139,9 +139,8 @@ def orient2d_sign(ax, ay, bx, by, px, py):
 
 
 @njit(cache=True)
-def is_front_facing(positions, faces, f, eye):
-    """Whether face f is front-facing for eye (4,) f8: the point is on or outside the face's plane."""
-    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+def sees_front(positions, i, j, k, eye):
+    """Whether the face with the corners i, j, k is front-facing for eye (4,) f8: the point is on or outside the face's plane."""
     sure = _filtered_sign(
         np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2]),
         np.float64(positions[j, 0]), np.float64(positions[j, 1]), np.float64(positions[j, 2]),
@@ -151,6 +150,12 @@ def is_front_facing(positions, faces, f, eye):
     if sure != 2:
         return sure > 0
     return _exact_orient(positions[i], positions[j], positions[k], eye[0], eye[1], eye[2], eye[3]) >= 0
+
+
+@njit(cache=True)
+def is_front_facing(positions, faces, f, eye):
+    """As `sees_front`, for face f of faces (f, 3) i4."""
+    return sees_front(positions, faces[f, 0], faces[f, 1], faces[f, 2], eye)
 
 
 @njit(cache=True)

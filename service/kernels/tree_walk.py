@@ -17,11 +17,10 @@ import numpy as np
 from numba import njit
 from numba.cpython.unsafe.numbers import trailing_zeros
 
-from geometry.predicates import is_front_facing
+from geometry.predicates import sees_front
 from service.kernels.intrinsics import fetch_ahead
 from service.kernels.tree_walk_lanes import BIT_COUNT, SET_BITS, append_lanes, missed_cones
 from service.kernels.tree_walk_leaf import (
-    ALL,
     SIXTEEN,
     WIDE,
     bits_at,
@@ -37,10 +36,10 @@ from service.kernels.tree_walk_leaf import (
 
 CONE_ERROR = 2.0**-19
 """32 u, of which the test's roundings use at most 20."""
-PLANE_ERROR = 2.0**-20
-"""Of a face's test in float32: 16 u times the square of the largest coefficient m of a leaf's planes (1, b, c). At most 12
-roundings of terms of at most m take 12 u m; a unit normal is known to 2^-3 u, which grows to u m^2 where one component of it
-is made 1: 13 u m^2 together."""
+PLANE_ERROR = 7.5 * 2.0**-24
+"""Of a face's test in float32, times the largest coefficients of a leaf's planes. Each of the four products with the plane is
+rounded once, twice in their sum, and three times as the sixteen-bit differences are added; those take part in five roundings at
+most; the eye itself is rounded once: 7 u of each coordinate's largest term, and half a unit for what is of second order."""
 
 LINE = 16  # words in a cache line
 BELOW, LEAF, MASKS, NEXT, BLOCK_WORDS = 96, 104, 112, 113, 128
@@ -49,11 +48,11 @@ BELOW, LEAF, MASKS, NEXT, BLOCK_WORDS = 96, 104, 112, 113, 128
 EDGES_BITS, VERTICES_BITS, TURN_BITS, MORE_BIT = 8, 16, 24, 26
 """Of a leaf's counts: faces in the lowest byte, edges, vertices, by how much the eye's coordinates are turned, and whether the
 next leaf is of the same node."""
-PLANE, STEP, ERROR, ALARM, COUNTS, FACE_LANE, FORCED, FLIPPED, HEAD_WORDS = 0, 4, 8, 9, 10, 11, 12, 14, 16
+PLANE, STEP, SCALE, COUNTS, CORNERS, FORCED, FLIPPED, HEAD_WORDS = 0, 4, 9, 10, 11, 12, 14, 16
 """Words of a leaf's head: its plane and the steps of the 16-bit differences from it (four words each, of which the plane's
-first is 1 and the steps' first is 0), the larger of the errors of normals and distances, the same or infinity where some faces
-are always decided exactly, counts, the word where the leaf's faces are listed, and the bits of the faces that are always
-decided exactly and of those whose plane is stored turned round, two words each."""
+first is the scale and the steps' first is 0), the scale once more (the plane has not-a-number where some faces are always decided
+exactly), counts, the word where the corners of the leaf's faces are listed, and the bits of the faces that are always decided
+exactly and of those whose plane is stored turned round, two words each."""
 
 FARTHEST_EYE = 1e14
 """Normalised units: beyond, squares of scaled normals times the eye could overflow float32; such eyes are brute force."""
@@ -67,6 +66,7 @@ _BYTE = np.uint64(0xFF)
 _ONE = np.uint64(1)
 _FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
 _AHEAD, _LINES = 4, 10  # leaves whose first lines are asked for ahead
+_TOGETHER = 16  # leaves with doubtful faces
 
 
 @njit(cache=True, nogil=True)
@@ -95,18 +95,6 @@ def visit_nodes(arena, blocks, leaves, x, y, z, w, w_back, margin):
         head += 1
 
 
-@njit(cache=True)
-def _settle(front, doubtful, arena, lane, positions, faces, eye):
-    """Decide the doubtful faces of a leaf exactly; returns its front word complete. The faces stand in arena from lane on."""
-    while doubtful:
-        k = trailing_zeros(doubtful)
-        doubtful &= doubtful - _ONE
-        front &= ~(_ONE << k)
-        if is_front_facing(positions, faces, arena[lane + np.int64(k)], eye):
-            front |= _ONE << k
-    return front
-
-
 @njit(cache=True, inline="always")
 def _first(count):
     """Word with the first `count` bits set, 1 to 64."""
@@ -133,14 +121,24 @@ def _emit(arena, ends, row, table, left, chosen, pairs, out, count):
     return count
 
 
+@njit(cache=True, inline="always")
+def _emit_leaf(arena, ends, edges, front, pairs, out, count):
+    """As `_emit`, those of a leaf's edges that have one face in front and one not; its bytes begin at word ends."""
+    row = ((edges + 15) >> 4) << 2
+    left = bits_at(arena, ends, front)
+    chosen = (left ^ bits_at(arena, ends + row, front)) & _first(edges)
+    return _emit(arena, ends + 2 * row, row, ends + 4 * row, left, chosen, pairs, out, count)
+
+
 @njit(cache=True, nogil=True)
-def visit_leaves(arena, leaves, positions, faces, eye, eyes, out):
+def visit_leaves(arena, leaves, waiting, positions, eye, eyes, out):
     """Directed silhouette edges into out (flat i4, 2 * SPARE_EDGES spare); returns (their number, edges tested).
 
-    leaves i4, not empty: as `visit_nodes` left them. eye (4,) f8 exact, eyes (12,) f4 as in `leaf_eye`.
+    leaves i4, not empty: as `visit_nodes` left them. eye (4,) f8 exact, eyes (12,) f4 as in `leaf_eye`. Leaves with faces that are
+    not sure wait for the end, where the cache misses of deciding them come at once: waiting i4, room for every leaf.
     """
-    count, tested = 0, 0
-    pairs = np.empty(2 * LINE, np.int32)
+    count, tested, unsure = 0, 0, 0
+    pairs = np.empty(2 * LINE + 4 * _TOGETHER, np.int32)
     reach = reach_of(eyes)
     last = leaves.shape[0] - 1
     for i in range(leaves.shape[0]):
@@ -152,19 +150,53 @@ def visit_leaves(arena, leaves, positions, faces, eye, eyes, out):
         while more:
             counts = arena[at + COUNTS]
             own_faces, own_edges, own_vertices = counts & 0xFF, (counts >> EDGES_BITS) & 0xFF, (counts >> VERTICES_BITS) & 0xFF
-            front, doubtful = leaf_sides(arena, at, counts, eyes, reach)
-            if doubtful:
-                front = _settle(front, doubtful, arena, np.intp(arena[at + FACE_LANE]), positions, faces, eye)
+            front, alarm = leaf_sides(arena, at, counts, eyes, reach)
             ends = at + HEAD_WORDS + 12 * ((own_faces + 7) >> 3)
-            row = ((own_edges + 15) >> 4) << 2
-            left = bits_at(arena, ends, front)
-            chosen = (left ^ bits_at(arena, ends + row, front)) & _first(own_edges)
-            table = ends + 4 * row
-            count = _emit(arena, ends + 2 * row, row, table, left, chosen, pairs, out, count)
+            if alarm:
+                waiting[unsure] = at // LINE
+                unsure += 1
+            else:
+                count = _emit_leaf(arena, ends, own_edges, front, pairs, out, count)
             tested += own_edges
             more = (counts >> MORE_BIT) != 0
-            at = (table + own_vertices + LINE - 1) & ~(LINE - 1)
+            at = (ends + (((own_edges + 15) >> 4) << 4) + own_vertices + LINE - 1) & ~(LINE - 1)
+    for begin in range(0, unsure, _TOGETHER):
+        count = _settle(arena, waiting[begin : min(unsure, begin + _TOGETHER)], positions, eye, eyes, pairs, out, count)
     return count, tested
+
+
+@njit(cache=True)
+def _settle(arena, waiting, positions, eye, eyes, pairs, out, count):
+    """Append the edges of up to _TOGETHER leaves, which begin at the cache lines `waiting`, their doubtful faces decided exactly;
+    returns the new number."""
+    sides = pairs[2 * LINE :].view(np.uint64)
+    reach = reach_of(eyes)
+    for i in range(waiting.shape[0]):
+        at = LINE * np.intp(waiting[i])
+        sides[2 * i], doubtful = sure_sides(arena, at, arena[at + COUNTS], eyes, reach)
+        sides[2 * i + 1] = doubtful
+        while doubtful:
+            corners = _corners_at(arena, at, doubtful)
+            for k in range(3):
+                fetch_ahead(positions, np.intp(arena[corners + k]))
+            doubtful &= doubtful - _ONE
+    for i in range(waiting.shape[0]):
+        at = LINE * np.intp(waiting[i])
+        front, doubtful, counts = sides[2 * i], sides[2 * i + 1], arena[at + COUNTS]
+        while doubtful:
+            corners = _corners_at(arena, at, doubtful)
+            over = sees_front(positions, arena[corners], arena[corners + 1], arena[corners + 2], eye)
+            front |= np.uint64(over) << trailing_zeros(doubtful)
+            doubtful &= doubtful - _ONE
+        ends = at + HEAD_WORDS + 12 * (((counts & 0xFF) + 7) >> 3)
+        count = _emit_leaf(arena, ends, (counts >> EDGES_BITS) & 0xFF, front, pairs, out, count)
+    return count
+
+
+@njit(cache=True, inline="always")
+def _corners_at(arena, at, doubtful):
+    """Word where the corners of the first of the doubtful faces stand, for the leaf at word `at`."""
+    return np.intp(arena[at + CORNERS]) + 3 * np.int64(trailing_zeros(doubtful))
 
 
 @njit(cache=True, inline="always")
@@ -174,27 +206,34 @@ def _word_of(arena, at):
 
 @njit(cache=True)
 def reach_of(eyes):
-    """|x| + |y| + |z| + w, f4, of `turned_eyes`: a leaf's error times it bounds the error of a face's height."""
+    """|x| + |y| + |z| + w, f4, of `turned_eyes`: a bound on the error of a face's height, where planes are off by at most 1."""
     return abs(eyes[0]) + abs(eyes[1]) + abs(eyes[2]) + eyes[3]
 
 
 @njit(cache=True, inline="always")
 def leaf_sides(arena, at, counts, eyes, reach):
-    """(faces that are front, faces that are doubtful) of the leaf at word `at`, as bits.
+    """(faces that are front in float32, as bits, whether some of them may be doubtful) of the leaf at word `at`.
 
     counts: its word COUNTS, eyes (12,) f4 of `turned_eyes`, reach f4 of `reach_of`.
     """
-    own_faces = counts & 0xFF
     base, b, c, d = leaf_eye(arena, at, eyes, (counts >> TURN_BITS) & 3)
-    row = ((own_faces + 7) >> 3) << 2
-    over, some = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d, float_at(arena, at + ALARM) * reach)
-    doubtful = np.uint64(0)
-    if some:  # hardly ever; then the list of the faces is asked for while they are told apart
-        for k in range(ALL // LINE):
-            fetch_ahead(arena, np.intp(arena[at + FACE_LANE]) + LINE * k)
-        close = close_faces(arena, at + HEAD_WORDS, row, base, b, c, d, float_at(arena, at + ERROR) * reach)
-        doubtful = (close | _word_of(arena, at + FORCED)) & _first(own_faces)
-    return over ^ _word_of(arena, at + FLIPPED), doubtful
+    row = (((counts & 0xFF) + 7) >> 3) << 2
+    over, alarm = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d, reach)
+    return over ^ _word_of(arena, at + FLIPPED), alarm
+
+
+@njit(cache=True)
+def sure_sides(arena, at, counts, eyes, reach):
+    """(faces that are surely front, faces that are doubtful) as bits; the arguments are those of `leaf_sides`."""
+    turn = (counts >> TURN_BITS) & 3
+    base, b, c, d = leaf_eye(arena, at, eyes, turn)
+    if base != base:
+        base = float_at(arena, at + SCALE) * eyes[4 * turn] + float_at(arena, at + PLANE + 1) * eyes[4 * turn + 1]
+        base += float_at(arena, at + PLANE + 2) * eyes[4 * turn + 2] + float_at(arena, at + PLANE + 3) * eyes[4 * turn + 3]
+    row = (((counts & 0xFF) + 7) >> 3) << 2
+    over, close = close_faces(arena, at + HEAD_WORDS, row, base, b, c, d, reach)
+    doubtful = (close | _word_of(arena, at + FORCED)) & _first(counts & 0xFF)
+    return (over ^ _word_of(arena, at + FLIPPED)) & ~doubtful, doubtful
 
 
 @njit(cache=True)
@@ -231,7 +270,7 @@ def open_nodes(arena, scratch, lanes, eye, eyes, farthest):
 
 
 @njit(cache=True, nogil=True)
-def find_edges(arena, scratch, lanes, positions, faces, eye, farthest):
+def find_edges(arena, scratch, lanes, positions, eye, farthest):
     """(edges, edges tested, cones tested) of a finite eye (4,) f8 in the normalised frame; the other arguments as `open_nodes`
     has them. The edges are left in the output part of scratch. Edges tested: -1 when the eye is too far, and nothing was done.
     """
@@ -241,14 +280,14 @@ def find_edges(arena, scratch, lanes, positions, faces, eye, farthest):
     leaves, cones = open_nodes(arena, scratch, lanes, eye, eyes, farthest)
     if leaves.shape[0] == 0:
         return 0, 0, cones
-    count, tested = visit_leaves(arena, leaves, positions, faces, eye, eyes, scratch[2 * lanes :])
+    count, tested = visit_leaves(arena, leaves, scratch[:lanes], positions, eye, eyes, scratch[2 * lanes :])
     return count, tested, cones
 
 
 @njit(cache=True, nogil=True)
-def walk(arena, scratch, lanes, positions, faces, eye, farthest):
+def walk(arena, scratch, lanes, positions, eye, farthest):
     """(edges (s, 2) i4, edges tested, cones tested), as `find_edges`."""
-    count, tested, cones = find_edges(arena, scratch, lanes, positions, faces, eye, farthest)
+    count, tested, cones = find_edges(arena, scratch, lanes, positions, eye, farthest)
     return as_edges(scratch[2 * lanes :], count), tested, cones
 
 
@@ -268,13 +307,13 @@ def put_edges(out, count, edges):
 
 
 @njit(cache=True, nogil=True)
-def walk_many(arena, scratch, lanes, positions, faces, eyes, farthest):
+def walk_many(arena, scratch, lanes, positions, eyes, farthest):
     """(edges (s, 2) i4 of one eye after the other, (k, 3) i8: edges, edges tested and cones tested of each), as `find_edges`,
     for eyes (k, 4) f8."""
     numbers = np.empty((eyes.shape[0], 3), np.int64)
     edges, total = np.empty((0, 2), np.int32), 0
     for i in range(eyes.shape[0]):
-        count, numbers[i, 1], numbers[i, 2] = find_edges(arena, scratch, lanes, positions, faces, eyes[i], farthest)
+        count, numbers[i, 1], numbers[i, 2] = find_edges(arena, scratch, lanes, positions, eyes[i], farthest)
         numbers[i, 0] = count
         if total + count > edges.shape[0]:
             # room for the eyes to come, should they have a quarter more than those so far

@@ -54,7 +54,7 @@ def _multiply_add(builder, a, b, c):
 def leaf_eye(typingctx, arena, at, eyes, turn):
     """(height over the leaf's plane, the three steps times the eye) for the leaf's head at word `at`.
 
-    The head: a plane (1, b, c, d) for the eye with its coordinates turned by `turn`, then steps of b, c and d. eyes (12,) f4:
+    The head: a plane (a, b, c, d) for the eye with its coordinates turned by `turn`, then steps of b, c and d. eyes (12,) f4:
     x y z w, y z x w, z x y w.
     """
     signature = types.UniTuple(types.float32, 4)(_ARENA, types.intp, types.Array(types.float32, 1, "C"), types.intp)
@@ -124,6 +124,12 @@ def _joined(builder, parts):
     return parts[0]
 
 
+def _over(builder, heights):
+    """The word whose bits say which heights are positive."""
+    nothing = ir.Constant(_FLOATS, [0.0] * SIXTEEN)
+    return builder.bitcast(_joined(builder, [builder.fcmp_ordered(">", height, nothing) for height in heights]), _LONG)
+
+
 @intrinsic
 def face_sides(typingctx, arena, at, row, base, b, c, d, bound):
     """(word whose bit j says that the eye is over plane j, whether that is not sure of every plane) for the 64 faces at word `at`.
@@ -134,8 +140,8 @@ def face_sides(typingctx, arena, at, row, base, b, c, d, bound):
     signature = types.Tuple((types.uint64, types.boolean))(_ARENA, types.intp, types.intp, *([types.float32] * 5))
 
     def codegen(context, builder, sig, args):
-        heights, nothing = _heights(context, builder, sig, args), ir.Constant(_FLOATS, [0.0] * SIXTEEN)
-        over = builder.bitcast(_joined(builder, [builder.fcmp_ordered(">", height, nothing) for height in heights]), _LONG)
+        heights = _heights(context, builder, sig, args)
+        over = _over(builder, heights)
         least = _least_size(builder, heights)
         close = builder.bitcast(builder.fcmp_unordered("<=", least, _splat(builder, args[7], _FLOATS)), _SHORT)
         doubtful = builder.icmp_unsigned("!=", close, ir.Constant(_SHORT, 0))
@@ -146,13 +152,14 @@ def face_sides(typingctx, arena, at, row, base, b, c, d, bound):
 
 @intrinsic
 def close_faces(typingctx, arena, at, row, base, b, c, d, bound):
-    """Word whose bit j says that the height over plane j is within `bound`; the arguments are those of `face_sides`."""
-    signature = types.uint64(_ARENA, types.intp, types.intp, *([types.float32] * 5))
+    """(word as in `face_sides`, word whose bit j says that the height over plane j is within `bound`); its arguments."""
+    signature = types.UniTuple(types.uint64, 2)(_ARENA, types.intp, types.intp, *([types.float32] * 5))
 
     def codegen(context, builder, sig, args):
+        heights = _heights(context, builder, sig, args)
         bound_ = _splat(builder, args[7], _FLOATS)
-        close = [builder.fcmp_unordered("<=", _absolute(builder, height), bound_) for height in _heights(context, builder, sig, args)]
-        return builder.bitcast(_joined(builder, close), _LONG)
+        close = _joined(builder, [builder.fcmp_unordered("<=", _absolute(builder, height), bound_) for height in heights])
+        return context.make_tuple(builder, sig.return_type, [_over(builder, heights), builder.bitcast(close, _LONG)])
 
     return signature, codegen
 

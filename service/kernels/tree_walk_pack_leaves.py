@@ -13,11 +13,9 @@ import numpy as np
 from numba import njit
 
 from service.kernels.tree_walk import (
-    ALARM,
+    CORNERS,
     COUNTS,
     EDGES_BITS,
-    ERROR,
-    FACE_LANE,
     FLIPPED,
     FORCED,
     HEAD_WORDS,
@@ -25,6 +23,7 @@ from service.kernels.tree_walk import (
     MORE_BIT,
     PLANE,
     PLANE_ERROR,
+    SCALE,
     STEP,
     TURN_BITS,
     VERTICES_BITS,
@@ -34,7 +33,9 @@ from service.kernels.tree_walk_leaf import ALL
 from service.kernels.tree_walk_pack import EDGES_ONLY
 
 LARGEST = 32767.0  # of a 16-bit number
-NORMAL_ERROR = 1e-8
+NORMAL_ERROR = 1e-9
+"""Of a component of a unit normal. Where another component is made 1 and none is then larger than m, it is at most
+NORMAL_ERROR (1 + m) sqrt(3) m, and of the distance sqrt(2) times that and the largest |position|."""
 STEEPEST = 2.0**-7
 """Faces with a normal of which the component to be made 1 is smaller are decided exactly: they would make the leaf's steps coarse."""
 _ROUNDED_UP = 1.0 + 2.0**-18  # covers the rounding of the errors and of the bound made of them
@@ -68,13 +69,37 @@ def leaf_words(faces, edges, vertices):
 
 
 @njit(cache=True)
-def split_leaves(item, edge_start, edge_index, edge_faces, edge_vertices, face_mark, vertex_mark, first_leaf, order, record):
-    """Share the edges of every item out to leaves of at most 64 faces, edges and vertices; returns (their number, lines, face lanes).
+def _parts_from(planes, pair, least):
+    """Whether the faces of a leaf have a large component of their normals in common, but none with two faces more.
 
+    least (3,) f8: of each component the smallest absolute value in the leaf. Faces without a plane do not count.
+    """
+    shared, shared_with = 0.0, 0.0
+    for k in range(3):
+        shared, shared_with = max(shared, least[k]), max(shared_with, _less_steep(planes, pair, k, least[k]))
+    return shared >= STEEPEST > shared_with
+
+
+@njit(cache=True)
+def _less_steep(planes, pair, k, least):
+    """The smallest absolute value of component k of the normals of a leaf, which was `least` before the pair of faces came."""
+    for face in pair:
+        p = planes[face]
+        if p[0] != 0.0 or p[1] != 0.0 or p[2] != 0.0:
+            least = min(least, abs(p[k]))
+    return least
+
+
+@njit(cache=True)
+def split_leaves(item, edge_start, edge_index, edge_faces, edge_vertices, planes, face_mark, vertex_mark, first_leaf, order, record):
+    """Share the edges of every item out to leaves of at most 64 faces, edges and vertices; returns (their number, lines, faces in all).
+
+    planes (f, 4) f8 of `unit_planes`: a leaf ends where its faces would lose the last large component that their normals share.
     first_leaf (b, LANES) i4 receives leaf numbers, -1 where an item has no edges; order (e,) i4 the edges by leaf; record
     (e, COLUMNS) i4. The marks (f,) and (v,) i4 are scratch, -1 at first.
     """
-    leaf, at, line, lanes = -1, 0, 0, 0
+    leaf, at, line, in_all = -1, 0, 0, 0
+    least = np.ones(3)
     for b in range(item.shape[0]):
         for j in range(LANES):
             first_leaf[b, j] = -1
@@ -88,28 +113,32 @@ def split_leaves(item, edge_start, edge_index, edge_faces, edge_vertices, face_m
                 if not full:
                     faces, vertices = _count_new(edge_faces[e], face_mark, leaf), _count_new(edge_vertices[e], vertex_mark, leaf)
                     full = record[leaf, EDGES] == ALL or record[leaf, FACES] + faces > ALL or record[leaf, VERTICES] + vertices > ALL
-                    if full:
+                    if full or _parts_from(planes, edge_faces[e], least):
+                        full = True
                         record[leaf, MORE] = 1
                         line += leaf_words(record[leaf, FACES], record[leaf, EDGES], record[leaf, VERTICES]) // LINE
-                        lanes += record[leaf, FACES]
+                        in_all += record[leaf, FACES]
                 if full:
                     leaf += 1
                     record[leaf, START], record[leaf, AT] = at, line
                     record[leaf, EDGES], record[leaf, FACES], record[leaf, VERTICES], record[leaf, MORE] = 0, 0, 0, 0
+                    least[:] = 1.0
                     full = False
+                for axis in range(3):
+                    least[axis] = _less_steep(planes, edge_faces[e], axis, least[axis])
                 record[leaf, EDGES] += 1
                 record[leaf, FACES] += _new(edge_faces[e], face_mark, leaf)
                 record[leaf, VERTICES] += _new(edge_vertices[e], vertex_mark, leaf)
                 order[at] = e
                 at += 1
             line += leaf_words(record[leaf, FACES], record[leaf, EDGES], record[leaf, VERTICES]) // LINE
-            lanes += record[leaf, FACES]
-    return leaf + 1, line, lanes
+            in_all += record[leaf, FACES]
+    return leaf + 1, line, in_all
 
 
 @njit(cache=True)
 def unit_planes(positions, faces):
-    """(f, 4) f8: unit normal and -normal . v of every face, all zero where the normal is not known to 1e-8."""
+    """(f, 4) f8: unit normal and -normal . v of every face, all zero where the normal is not known to NORMAL_ERROR."""
     planes = np.zeros((faces.shape[0], 4))
     for f in range(faces.shape[0]):
         a, b, c = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
@@ -154,20 +183,21 @@ def _bits_of(planes, own, count, turn):
 
 
 @njit(cache=True)
-def _pack_planes(planes, own, count, reach, arena, at):
-    """Planes (f, 4) f8 of the faces own[:count] into the leaf at word `at`; returns the turn. reach: the largest |position|."""
+def _put_planes(planes, own, count, forced, turn, reach, scale, arena, at):
+    """The planes that are not forced, times scale f4, into the leaf at word `at`; returns by how much they are off at most.
+
+    That bounds the error of a height for an eye of which the absolute coordinates and w add up to 1, roundings of the test included.
+    """
     floats, shorts = arena.view(np.float32), arena.view(np.int16)
-    turn = _turn_of(planes, own, count)
-    forced, flipped = _bits_of(planes, own, count, turn)
     row = (count + 7) // 8 * 8
-    worst, size = np.zeros(4), np.ones(4)
+    worst, size = np.zeros(4), np.zeros(4)
     values = np.zeros(count)
     for k in range(1, 4):
         column = 3 if k == 3 else (turn + k) % 3
         low, high = np.inf, -np.inf
         for i in range(count):
             if forced >> np.uint64(i) & np.uint64(1) == 0:
-                values[i] = planes[own[i], column] / planes[own[i], turn]
+                values[i] = planes[own[i], column] / planes[own[i], turn] * scale
                 low, high = min(low, values[i]), max(high, values[i])
         if low > high:
             continue
@@ -175,17 +205,32 @@ def _pack_planes(planes, own, count, reach, arena, at):
         middle = np.float64(floats[at + PLANE + k])
         floats[at + STEP + k] = max(high - middle, middle - low) * (1.0 + 1e-6) / LARGEST + 1e-30
         step = np.float64(floats[at + STEP + k])
-        size[k] = abs(middle) + LARGEST * step
+        size[k] = (abs(middle) + LARGEST * step) / scale
         for i in range(count):
             if forced >> np.uint64(i) & np.uint64(1) == 0:
                 number = np.round((values[i] - middle) / step)
                 shorts[2 * (at + HEAD_WORDS) + (k - 1) * row + i] = np.int16(number)
                 worst[k] = max(worst[k], abs(middle + number * step - values[i]))
-    floats[at + PLANE] = 1.0
-    steepness = max(1.0, size[1], size[2]) ** 2
-    of_normals, of_distances = max(worst[1], worst[2]) + PLANE_ERROR * steepness, worst[3] + PLANE_ERROR * (steepness * reach + size[3])
-    floats[at + ERROR] = max(of_normals, of_distances) * _ROUNDED_UP
-    floats[at + ALARM] = np.inf if forced else floats[at + ERROR]
+    largest = max(1.0, size[1], size[2])
+    turned = 3.5 * NORMAL_ERROR * largest * largest
+    of_normals = max(worst[1], worst[2]) + (PLANE_ERROR * largest + turned) * scale
+    return max(of_normals, worst[3] + (PLANE_ERROR * size[3] + 1.5 * turned * reach) * scale) * _ROUNDED_UP
+
+
+@njit(cache=True)
+def _pack_planes(planes, own, count, reach, arena, at):
+    """Planes (f, 4) f8 of the faces own[:count] into the leaf at word `at`; returns the turn. reach: the largest |position|."""
+    floats = arena.view(np.float32)
+    turn = _turn_of(planes, own, count)
+    forced, flipped = _bits_of(planes, own, count, turn)
+    scale, error = np.float32(1.0), np.inf
+    while error > 1.0:
+        unscaled = _put_planes(planes, own, count, forced, turn, reach, np.float64(scale), arena, at) / np.float64(scale)
+        # other scales round a little otherwise, and few leaves need a third
+        scale = np.float32((1.0 - 2.0**-8) / unscaled)
+        error = _put_planes(planes, own, count, forced, turn, reach, np.float64(scale), arena, at)
+    floats[at + SCALE] = scale
+    floats[at + PLANE] = np.nan if forced else scale
     _put_word(arena, at + FORCED, forced)
     _put_word(arena, at + FLIPPED, flipped)
     return turn
@@ -209,10 +254,11 @@ def _number(value, mark, known, own):
 
 
 @njit(cache=True)
-def pack_leaves(record, first_word, order, edge_vertices, edge_faces, planes, reach, face_mark, vertex_mark, arena, lane):
-    """All leaves of record (l, COLUMNS) i4 into arena, from word first_word on, and from word lane on the faces of each.
+def pack_leaves(record, first_word, order, edge_vertices, edge_faces, corners, planes, reach, face_mark, vertex_mark, arena, lane):
+    """All leaves of record (l, COLUMNS) i4 into arena, from word first_word on, and from word lane on the corners of each's faces.
 
-    planes (f, 4) f8 of `unit_planes`, reach: the largest |position|; the marks (f,) and (v,) i4 are scratch, any content.
+    corners (f, 3) i4 of all faces, planes (f, 4) f8 of `unit_planes`, reach: the largest |position|; the marks (f,) and (v,) i4 are
+    scratch, any content.
     """
     bytes_ = arena.view(np.uint8)
     own_faces, own_vertices = np.empty(ALL, np.int32), np.empty(2 * ALL, np.int32)
@@ -230,9 +276,10 @@ def pack_leaves(record, first_word, order, edge_vertices, edge_faces, planes, re
                 m, vertices = _number(edge_vertices[e, side], vertex_mark, vertices, own_vertices)
                 bytes_[4 * (ends + (2 + side) * row) + i] = m
         arena[ends + 4 * row : ends + 4 * row + vertices] = own_vertices[:vertices]
-        arena[lane : lane + faces] = own_faces[:faces]
+        for m in range(faces):
+            arena[lane + 3 * m : lane + 3 * m + 3] = corners[own_faces[m]]
         turn = _pack_planes(planes, own_faces, faces, reach, arena, at)
         counts = faces | edges << EDGES_BITS | vertices << VERTICES_BITS | turn << TURN_BITS | record[leaf, MORE] << MORE_BIT
         arena[at + COUNTS] = counts
-        arena[at + FACE_LANE] = lane
-        lane += faces
+        arena[at + CORNERS] = lane
+        lane += 3 * faces

@@ -65,7 +65,7 @@ class SilhouetteTree:
     def extract(self, eye: F8, threads: int = 1) -> Extraction:
         """Silhouette for a homogeneous eye (4,) f8 in the normalised frame (`schemas.conventions`).
 
-        threads: how many may share the leaves, where the mesh is so large that it pays; the edges come in the same order.
+        threads: how many may share the leaves, where the mesh is so large that it pays; the edges are the same, in some order.
         Raises ValueError when the eye is not finite or its last coordinate is neither 1 nor 0.
         """
         eye = np.ascontiguousarray(eye, np.float64)
@@ -73,7 +73,7 @@ class SilhouetteTree:
             raise ValueError("an eye is four finite numbers, the last one 1 or 0")
         if threads > 1 and len(self.edge_vertices) >= _EDGES_TO_SHARE:
             return self.share_leaves(eye, threads)
-        edges, tested, cones = _WALK(self._arena, self._scratch.words, self._lanes, self.positions, self.faces, eye, self._farthest_anchor)
+        edges, tested, cones = _WALK(self._arena, self._scratch.words, self._lanes, self.positions, eye, self._farthest_anchor)
         return self._by_brute_force(eye) if tested == _TOO_FAR else Extraction(edges, tested, cones)
 
     def extract_many(self, eyes: F8, threads: int = 1) -> list[Extraction]:
@@ -90,9 +90,7 @@ class SilhouetteTree:
         return found + [extraction for other in others for extraction in other.result()]
 
     def _walk_many(self, eyes: F8) -> list[Extraction]:
-        edges, numbers = tree_walk.walk_many(
-            self._arena, self._scratch.words, self._lanes, self.positions, self.faces, eyes, self._farthest_anchor
-        )
+        edges, numbers = tree_walk.walk_many(self._arena, self._scratch.words, self._lanes, self.positions, eyes, self._farthest_anchor)
         found, begin = [], 0
         for eye, (count, tested, cones) in zip(eyes, numbers.tolist(), strict=True):
             end = begin + count
@@ -116,8 +114,8 @@ class SilhouetteTree:
     def _test_leaves(self, leaves: I4, eye: F8, eyes: F4) -> tuple[I4, int]:
         if not len(leaves):
             return np.empty((0, 2), np.int32), 0
-        out = self._scratch.words[2 * self._lanes :]
-        count, tested = tree_walk.visit_leaves(self._arena, leaves, self.positions, self.faces, eye, eyes, out)
+        waiting, out = self._scratch.words[: self._lanes], self._scratch.words[2 * self._lanes :]
+        count, tested = tree_walk.visit_leaves(self._arena, leaves, waiting, self.positions, eye, eyes, out)
         return tree_walk.as_edges(out, count), tested
 
     def _by_brute_force(self, eye: F8) -> Extraction:

@@ -40,7 +40,7 @@ def check_tree(mesh: Mapping[str, Array], tree: Mapping[str, Array]) -> None:
 def pack_tree(positions: F4, faces: I4, edge_vertices: I4, edge_faces: I4, tree: Mapping[str, Array]) -> tuple[I4, int]:
     """(arena, length of a queue): tensors of `schemas.artifacts.TREE`, checked, as the walk reads them.
 
-    The arena is words of 32 bits on the boundary of a cache line: node blocks, leaves, and the faces of every leaf.
+    The arena is words of 32 bits on the boundary of a cache line: node blocks, leaves, and the corners of every leaf's faces.
     """
     skip, start, index = (_ints(tree[name]) for name in ("skip", "edge_start", "edge_index"))
     cones = [np.array(tree[name], np.float32) for name in _CONES]
@@ -53,22 +53,22 @@ def pack_tree(positions: F4, faces: I4, edge_vertices: I4, edge_faces: I4, tree:
     first_leaf, order = np.empty_like(item), np.empty_like(index)
     record = np.empty((len(index), tree_walk_pack_leaves.COLUMNS), np.int32)
     face_mark, vertex_mark = np.full(len(faces), -1, np.int32), np.full(len(positions), -1, np.int32)
-    leaves, lines, face_lanes = tree_walk_pack_leaves.split_leaves(
-        item, start, index, edge_faces, edge_vertices, face_mark, vertex_mark, first_leaf, order, record
+    planes = tree_walk_pack_leaves.unit_planes(positions, faces)
+    leaves, lines, listed = tree_walk_pack_leaves.split_leaves(
+        item, start, index, edge_faces, edge_vertices, planes, face_mark, vertex_mark, first_leaf, order, record
     )
     record = record[:leaves].copy()
     first_line = len(item) * tree_walk.BLOCK_WORDS // tree_walk.LINE
-    arena = _lines(first_line + lines + -(-face_lanes // tree_walk.LINE))
+    arena = _lines(first_line + lines + -(-3 * listed // tree_walk.LINE))
     at = np.where(first_leaf >= 0, first_line + record[first_leaf, tree_walk_pack_leaves.AT], -1).astype(np.int32)
     scaled, front, back, separation = (cone[kept] for cone in cones)
     tree_walk_pack.pack_nodes(item, below, next_block, at, scaled, front, back, separation, arena)
-    planes = tree_walk_pack_leaves.unit_planes(positions, faces)
     reach = float(np.sqrt((positions.astype(np.float64) ** 2).sum(axis=1)).max())
     first_word, lane = first_line * tree_walk.LINE, (first_line + lines) * tree_walk.LINE
     tree_walk_pack_leaves.pack_leaves(
-        record, first_word, order, edge_vertices, edge_faces, planes, reach, face_mark, vertex_mark, arena, lane
+        record, first_word, order, edge_vertices, edge_faces, faces, planes, reach, face_mark, vertex_mark, arena, lane
     )
-    return arena, (len(item) + 1) * LANES
+    return arena, max((len(item) + 1) * LANES, leaves + 1)
 
 
 def _blocks(skip: I4, start: I4, scaled_normal: F4) -> tuple[I4, I4, I4]:
