@@ -27,7 +27,6 @@ from service.kernels.tree_walk import (
     TURN_BITS,
     VERTICES_BITS,
     open_nodes,
-    reach_of,
     sure_sides,
     turned_eyes,
 )
@@ -42,11 +41,11 @@ BAR = 1.05
 
 
 @njit(inline="always")
-def _float_sides(arena, at, counts, eyes, reach):  # noqa: ANN001, ANN202
+def _float_sides(arena, at, counts, eyes):  # noqa: ANN001, ANN202
     """As `tree_walk.leaf_sides`, every face by its sign in float32."""
     base, b, c, d = leaf_eye(arena, at, eyes, (counts >> TURN_BITS) & 3)
     row = (((counts & 0xFF) + 7) >> 3) << 2
-    over, _ = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d, np.float32(0.0))
+    over, _ = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d)
     return over ^ tree_walk._word_of(arena, at + FLIPPED), False
 
 
@@ -66,14 +65,13 @@ def walks() -> tuple[Any, Any]:
 @njit(nogil=True)
 def count_sides(arena, leaves, eyes):  # noqa: ANN001, ANN201
     """(faces tested, faces among them that are decided exactly) in the leaves that `open_nodes` found."""
-    reach = reach_of(eyes)
     tested, doubtful = 0, 0
     for leaf in leaves:
         at = LINE * np.intp(arena[leaf])
         more = True
         while more:
             counts = arena[at + COUNTS]
-            _, unsure = sure_sides(arena, at, counts, eyes, reach)
+            _, unsure = sure_sides(arena, at, counts, eyes)
             tested, doubtful = tested + (counts & 0xFF), doubtful + ones(unsure)
             more = (counts >> MORE_BIT) != 0
             at += leaf_words(counts & 0xFF, (counts >> EDGES_BITS) & 0xFF, (counts >> VERTICES_BITS) & 0xFF)
@@ -111,7 +109,7 @@ def measure(name: str, views: int, seconds: float, both: tuple[Any, Any]) -> Res
     sides = []
     for eye in eyes:
         turned = turned_eyes(eye)
-        leaves, _ = open_nodes(arena, scratch, lanes, eye, turned, tree._farthest_anchor)
+        leaves, _ = open_nodes(arena, scratch, lanes, eye, tree._farthest_anchor)
         sides.append(count_sides(arena, leaves, turned))
     tested, doubtful = np.mean(sides, axis=0)
     times = interleaved(*both, arguments, eyes, tree._farthest_anchor, seconds)

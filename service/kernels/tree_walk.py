@@ -22,13 +22,13 @@ from service.kernels.intrinsics import fetch_ahead
 from service.kernels.tree_walk_lanes import BIT_COUNT, SET_BITS, append_lanes, missed_cones
 from service.kernels.tree_walk_leaf import (
     SIXTEEN,
+    SURE,
     WIDE,
     bits_at,
     byte_at,
     close_faces,
     face_sides,
     first_pairs,
-    float_at,
     leaf_eye,
     look_up,
     ones,
@@ -48,11 +48,14 @@ BELOW, LEAF, MASKS, NEXT, BLOCK_WORDS = 96, 104, 112, 113, 128
 EDGES_BITS, VERTICES_BITS, TURN_BITS, MORE_BIT = 8, 16, 24, 26
 """Of a leaf's counts: faces in the lowest byte, edges, vertices, by how much the eye's coordinates are turned, and whether the
 next leaf is of the same node."""
-PLANE, STEP, SCALE, COUNTS, CORNERS, FORCED, FLIPPED, HEAD_WORDS = 0, 4, 9, 10, 11, 12, 14, 16
+PLANE, STEP, COUNTS, CORNERS, FORCED, FLIPPED, HEAD_WORDS = 0, 4, 10, 11, 12, 14, 16
 """Words of a leaf's head: its plane and the steps of the 16-bit differences from it (four words each, of which the plane's
-first is the scale and the steps' first is 0), the scale once more (the plane has not-a-number where some faces are always decided
-exactly), counts, the word where the corners of the leaf's faces are listed, and the bits of the faces that are always decided
-exactly and of those whose plane is stored turned round, two words each."""
+first is 1 in units of the leaf's error and the steps' first is 0), counts, the word where the corners of the leaf's faces are
+listed, and the bits of the faces that are always decided exactly and of those whose plane is stored turned round, two words each.
+
+Plane and steps are zero where some faces are always decided exactly, so that no height is sure; they then stand in front of the
+corners, PLANE_WORDS before them."""
+PLANE_WORDS = 8
 
 FARTHEST_EYE = 1e14
 """Normalised units: beyond, squares of scaled normals times the eye could overflow float32; such eyes are brute force."""
@@ -139,7 +142,6 @@ def visit_leaves(arena, leaves, waiting, positions, eye, eyes, out):
     """
     count, tested, unsure = 0, 0, 0
     pairs = np.empty(2 * LINE + 4 * _TOGETHER, np.int32)
-    reach = reach_of(eyes)
     last = leaves.shape[0] - 1
     for i in range(leaves.shape[0]):
         coming = LINE * np.intp(arena[leaves[min(i + _AHEAD, last)]])
@@ -150,7 +152,7 @@ def visit_leaves(arena, leaves, waiting, positions, eye, eyes, out):
         while more:
             counts = arena[at + COUNTS]
             own_faces, own_edges, own_vertices = counts & 0xFF, (counts >> EDGES_BITS) & 0xFF, (counts >> VERTICES_BITS) & 0xFF
-            front, alarm = leaf_sides(arena, at, counts, eyes, reach)
+            front, alarm = leaf_sides(arena, at, counts, eyes)
             ends = at + HEAD_WORDS + 12 * ((own_faces + 7) >> 3)
             if alarm:
                 waiting[unsure] = at // LINE
@@ -170,10 +172,9 @@ def _settle(arena, waiting, positions, eye, eyes, pairs, out, count):
     """Append the edges of up to _TOGETHER leaves, which begin at the cache lines `waiting`, their doubtful faces decided exactly;
     returns the new number."""
     sides = pairs[2 * LINE :].view(np.uint64)
-    reach = reach_of(eyes)
     for i in range(waiting.shape[0]):
         at = LINE * np.intp(waiting[i])
-        sides[2 * i], doubtful = sure_sides(arena, at, arena[at + COUNTS], eyes, reach)
+        sides[2 * i], doubtful = sure_sides(arena, at, arena[at + COUNTS], eyes)
         sides[2 * i + 1] = doubtful
         while doubtful:
             corners = _corners_at(arena, at, doubtful)
@@ -204,68 +205,62 @@ def _word_of(arena, at):
     return np.uint64(np.uint32(arena[at])) | (np.uint64(np.uint32(arena[at + 1])) << np.uint64(32))
 
 
-@njit(cache=True)
-def reach_of(eyes):
-    """|x| + |y| + |z| + w, f4, of `turned_eyes`: a bound on the error of a face's height, where planes are off by at most 1."""
-    return abs(eyes[0]) + abs(eyes[1]) + abs(eyes[2]) + eyes[3]
-
-
 @njit(cache=True, inline="always")
-def leaf_sides(arena, at, counts, eyes, reach):
+def leaf_sides(arena, at, counts, eyes):
     """(faces that are front in float32, as bits, whether some of them may be doubtful) of the leaf at word `at`.
 
-    counts: its word COUNTS, eyes (12,) f4 of `turned_eyes`, reach f4 of `reach_of`.
+    counts: its word COUNTS, eyes (12,) f4 of `turned_eyes`.
     """
     base, b, c, d = leaf_eye(arena, at, eyes, (counts >> TURN_BITS) & 3)
     row = (((counts & 0xFF) + 7) >> 3) << 2
-    over, alarm = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d, reach)
+    over, alarm = face_sides(arena, at + HEAD_WORDS, row, base, b, c, d)
     return over ^ _word_of(arena, at + FLIPPED), alarm
 
 
 @njit(cache=True)
-def sure_sides(arena, at, counts, eyes, reach):
+def sure_sides(arena, at, counts, eyes):
     """(faces that are surely front, faces that are doubtful) as bits; the arguments are those of `leaf_sides`."""
-    turn = (counts >> TURN_BITS) & 3
-    base, b, c, d = leaf_eye(arena, at, eyes, turn)
-    if base != base:
-        base = float_at(arena, at + SCALE) * eyes[4 * turn] + float_at(arena, at + PLANE + 1) * eyes[4 * turn + 1]
-        base += float_at(arena, at + PLANE + 2) * eyes[4 * turn + 2] + float_at(arena, at + PLANE + 3) * eyes[4 * turn + 3]
+    forced = _word_of(arena, at + FORCED)
+    plane = np.intp(arena[at + CORNERS]) - PLANE_WORDS if forced else at
+    base, b, c, d = leaf_eye(arena, plane, eyes, (counts >> TURN_BITS) & 3)
     row = (((counts & 0xFF) + 7) >> 3) << 2
-    over, close = close_faces(arena, at + HEAD_WORDS, row, base, b, c, d, reach)
-    doubtful = (close | _word_of(arena, at + FORCED)) & _first(counts & 0xFF)
+    over, close = close_faces(arena, at + HEAD_WORDS, row, base, b, c, d)
+    doubtful = (close | forced) & _first(counts & 0xFF)
     return (over ^ _word_of(arena, at + FLIPPED)) & ~doubtful, doubtful
 
 
 @njit(cache=True)
 def turned_eyes(eye):
-    """(12,) f4: the eye (4,) f8 for float32, its coordinates turned by 0, 1 and 2; all zero when the eye is too far for that.
+    """(12,) f4: the eye (4,) f8 as leaves are tested by, its coordinates turned by 0, 1 and 2; all zero when it is too far for that.
 
-    A direction is made unit first.
+    The absolute values of all four coordinates add up to SURE: a height is off by at most that where planes are off by 1.
     """
     length = math.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2])
     eyes = np.zeros(12, np.float32)
     if not length < FARTHEST_EYE or (eye[3] == 0.0 and length < SHORTEST_DIRECTION):
         return eyes
-    scale = 1.0 if eye[3] else 1.0 / length
+    scale = SURE / (abs(eye[0]) + abs(eye[1]) + abs(eye[2]) + eye[3])
     for turn in range(3):
         for k in range(3):
             eyes[4 * turn + k] = eye[(turn + k) % 3] * scale
-        eyes[4 * turn + 3] = eye[3]
+        eyes[4 * turn + 3] = eye[3] * scale
     return eyes
 
 
 @njit(cache=True, nogil=True)
-def open_nodes(arena, scratch, lanes, eye, eyes, farthest):
-    """(leaves i4 in scratch, cones tested) of the eye (4,) f8; eyes of `turned_eyes`, farthest: the largest |anchor|.
+def open_nodes(arena, scratch, lanes, eye, farthest):
+    """(leaves i4 in scratch, cones tested) of the eye (4,) f8, for which `turned_eyes` is not zero; farthest: the largest |anchor|.
 
     scratch i4: two queues of `lanes` each, then the output.
     """
     w = np.float32(eye[3])
-    length = math.sqrt(np.float64(eyes[0]) ** 2 + np.float64(eyes[1]) ** 2 + np.float64(eyes[2]) ** 2)
+    scale = 1.0 if eye[3] else 1.0 / math.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2])
+    x, y, z = np.float32(eye[0] * scale), np.float32(eye[1] * scale), np.float32(eye[2] * scale)
+    length = math.sqrt(np.float64(x) ** 2 + np.float64(y) ** 2 + np.float64(z) ** 2)
     margin = np.float32(CONE_ERROR * (length * (1.0 + 1e-6) + w * farthest))
     w_back = w if w else np.float32(AT_INFINITY)
     leaves = scratch[lanes : 2 * lanes]
-    found, cones = visit_nodes(arena, scratch[:lanes], leaves, eyes[0], eyes[1], eyes[2], w, w_back, margin)
+    found, cones = visit_nodes(arena, scratch[:lanes], leaves, x, y, z, w, w_back, margin)
     return leaves[:found], cones
 
 
@@ -275,9 +270,9 @@ def find_edges(arena, scratch, lanes, positions, eye, farthest):
     has them. The edges are left in the output part of scratch. Edges tested: -1 when the eye is too far, and nothing was done.
     """
     eyes = turned_eyes(eye)
-    if eyes[0] == 0.0 and eyes[1] == 0.0 and eyes[2] == 0.0 and (eye[0] != 0.0 or eye[1] != 0.0 or eye[2] != 0.0):
+    if not eyes.any():
         return 0, -1, 0
-    leaves, cones = open_nodes(arena, scratch, lanes, eye, eyes, farthest)
+    leaves, cones = open_nodes(arena, scratch, lanes, eye, farthest)
     if leaves.shape[0] == 0:
         return 0, 0, cones
     count, tested = visit_leaves(arena, leaves, scratch[:lanes], positions, eye, eyes, scratch[2 * lanes :])

@@ -16,14 +16,16 @@ _FEATURES = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
 WIDE = {"+avx512dq", "+avx512vbmi", "+avx512vbmi2"} <= set(_FEATURES)
 """Decided from what numba compiles for, which is also what it names its cached code by."""
 
-_LEAST_SIZE, _NO_ROUNDING = 0b1010, 4
-"""Of the instruction that picks the smaller of two absolute values: what it does, and that it rounds as ever."""
+SURE = 2.0
+"""Heights from here on are sure. Of a float32 that is finite one bit says whether its absolute value is that large."""
+_SURE_BIT = 1 << 30
 
 _FLOAT, _SHORT, _BYTE, _WORD, _LONG = ir.FloatType(), ir.IntType(16), ir.IntType(8), ir.IntType(32), ir.IntType(64)
 _BIT = ir.IntType(1)
 _FLOATS = ir.VectorType(_FLOAT, SIXTEEN)
 _BYTES = ir.VectorType(_BYTE, ALL)
 _BITS = ir.VectorType(_BIT, ALL)
+_WORDS = ir.VectorType(_WORD, SIXTEEN)
 _ARENA = types.Array(types.int32, 1, "C")
 
 
@@ -89,32 +91,6 @@ def _heights(context, builder, sig, args):
     return heights
 
 
-def _absolute(builder, value):
-    kind = ir.FunctionType(value.type, [value.type])
-    return builder.call(builder.module.declare_intrinsic(f"llvm.fabs.v{value.type.count}f32", (), kind), [value])
-
-
-def _least_size(builder, parts):
-    """Per lane the least absolute value of the vectors."""
-    if WIDE:
-        mask = ir.IntType(SIXTEEN)
-        kind = ir.FunctionType(_FLOATS, [_FLOATS, _FLOATS, _WORD, _FLOATS, mask, _WORD])
-        of_two = builder.module.declare_intrinsic("llvm.x86.avx512.mask.range.ps.512", (), kind)
-        rest = [
-            ir.Constant(_WORD, _LEAST_SIZE),
-            ir.Constant(_FLOATS, ir.Undefined),
-            ir.Constant(mask, -1),
-            ir.Constant(_WORD, _NO_ROUNDING),
-        ]
-        while len(parts) > 1:
-            parts = [builder.call(of_two, [a, b, *rest]) for a, b in zip(parts[::2], parts[1::2], strict=True)]
-        return parts[0]
-    least, *others = (_absolute(builder, part) for part in parts)
-    for other in others:
-        least = builder.select(builder.fcmp_ordered("<", other, least), other, least)
-    return least
-
-
 def _joined(builder, parts):
     """One vector of the same vectors' lanes, one after the other."""
     while len(parts) > 1:
@@ -130,35 +106,42 @@ def _over(builder, heights):
     return builder.bitcast(_joined(builder, [builder.fcmp_ordered(">", height, nothing) for height in heights]), _LONG)
 
 
+def _some_close(builder, heights):
+    """<16 x i1>: in this lane of one of the vectors is an absolute value below `SURE`, or not so of those of one vector."""
+    bits = [builder.bitcast(height, _WORDS) for height in heights]
+    while len(bits) > 1:
+        bits = [builder.and_(bits[0], bits[1]), *bits[2:]]
+    return builder.icmp_unsigned(
+        "==", builder.and_(bits[0], ir.Constant(_WORDS, [_SURE_BIT] * SIXTEEN)), ir.Constant(_WORDS, [0] * SIXTEEN)
+    )
+
+
 @intrinsic
-def face_sides(typingctx, arena, at, row, base, b, c, d, bound):
+def face_sides(typingctx, arena, at, row, base, b, c, d):
     """(word whose bit j says that the eye is over plane j, whether that is not sure of every plane) for the 64 faces at word `at`.
 
     Three rows of 64 16-bit numbers, `row` words apart, times (b, c, d) and plus base: the height over the plane, which is
-    sure beyond `bound`. What lies behind the last face counts as a plane, so "not sure" may be a false alarm.
+    sure from `SURE` on. What lies behind the last face counts as a plane, so "not sure" may be a false alarm.
     """
-    signature = types.Tuple((types.uint64, types.boolean))(_ARENA, types.intp, types.intp, *([types.float32] * 5))
+    signature = types.Tuple((types.uint64, types.boolean))(_ARENA, types.intp, types.intp, *([types.float32] * 4))
 
     def codegen(context, builder, sig, args):
         heights = _heights(context, builder, sig, args)
-        over = _over(builder, heights)
-        least = _least_size(builder, heights)
-        close = builder.bitcast(builder.fcmp_unordered("<=", least, _splat(builder, args[7], _FLOATS)), _SHORT)
+        close = builder.bitcast(_some_close(builder, heights), _SHORT)
         doubtful = builder.icmp_unsigned("!=", close, ir.Constant(_SHORT, 0))
-        return context.make_tuple(builder, sig.return_type, [over, doubtful])
+        return context.make_tuple(builder, sig.return_type, [_over(builder, heights), doubtful])
 
     return signature, codegen
 
 
 @intrinsic
-def close_faces(typingctx, arena, at, row, base, b, c, d, bound):
-    """(word as in `face_sides`, word whose bit j says that the height over plane j is within `bound`); its arguments."""
-    signature = types.UniTuple(types.uint64, 2)(_ARENA, types.intp, types.intp, *([types.float32] * 5))
+def close_faces(typingctx, arena, at, row, base, b, c, d):
+    """(word as in `face_sides`, word whose bit j says that the height over plane j is not sure); its arguments."""
+    signature = types.UniTuple(types.uint64, 2)(_ARENA, types.intp, types.intp, *([types.float32] * 4))
 
     def codegen(context, builder, sig, args):
         heights = _heights(context, builder, sig, args)
-        bound_ = _splat(builder, args[7], _FLOATS)
-        close = _joined(builder, [builder.fcmp_unordered("<=", _absolute(builder, height), bound_) for height in heights])
+        close = _joined(builder, [_some_close(builder, [height]) for height in heights])
         return context.make_tuple(builder, sig.return_type, [_over(builder, heights), builder.bitcast(close, _LONG)])
 
     return signature, codegen
@@ -178,17 +161,6 @@ def _looked_up(builder, numbers, word):
         shift = builder.and_(builder.zext(part, lanes), ir.Constant(lanes, [63] * 8))
         found.append(builder.trunc(builder.lshr(_splat(builder, word, lanes), shift), ir.VectorType(_BIT, 8)))
     return _joined(builder, found)
-
-
-@intrinsic
-def float_at(typingctx, arena, at):
-    """The float32 at word `at`."""
-    signature = types.float32(_ARENA, types.intp)
-
-    def codegen(context, builder, sig, args):
-        return _load(builder, _pointer(context, builder, sig, args), _FLOAT)
-
-    return signature, codegen
 
 
 @intrinsic
@@ -234,7 +206,7 @@ def _compress(builder, numbers, chosen):
 
 def _table_look_up(builder, table, numbers):
     """<16 x i32> entries of a table of 64 in four vectors at <16 x i32> numbers."""
-    lane = ir.VectorType(_WORD, SIXTEEN)
+    lane = _WORDS
     kind = ir.FunctionType(lane, [lane, lane, lane])
     permute = builder.module.declare_intrinsic("llvm.x86.avx512.vpermi2var.d.512", (), kind)
     low, high = (builder.call(permute, [table[k], numbers, table[k + 1]]) for k in (0, 2))
@@ -282,7 +254,7 @@ def first_pairs(typingctx, arena, at, row, left, chosen, out, to, pairs):
 
 
 def _table(builder, address):
-    lane = ir.VectorType(_WORD, SIXTEEN)
+    lane = _WORDS
     return [_load(builder, builder.gep(address, [ir.Constant(_LONG, SIXTEEN * k)]), lane) for k in range(4)]
 
 

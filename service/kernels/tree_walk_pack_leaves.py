@@ -23,7 +23,7 @@ from service.kernels.tree_walk import (
     MORE_BIT,
     PLANE,
     PLANE_ERROR,
-    SCALE,
+    PLANE_WORDS,
     STEP,
     TURN_BITS,
     VERTICES_BITS,
@@ -218,8 +218,11 @@ def _put_planes(planes, own, count, forced, turn, reach, scale, arena, at):
 
 
 @njit(cache=True)
-def _pack_planes(planes, own, count, reach, arena, at):
-    """Planes (f, 4) f8 of the faces own[:count] into the leaf at word `at`; returns the turn. reach: the largest |position|."""
+def _pack_planes(planes, own, count, reach, arena, at, lane):
+    """Planes (f, 4) f8 of the faces own[:count] into the leaf at word `at`; returns the turn. reach: the largest |position|.
+
+    lane: the word where the head keeps its own planes if some faces are always decided exactly.
+    """
     floats = arena.view(np.float32)
     turn = _turn_of(planes, own, count)
     forced, flipped = _bits_of(planes, own, count, turn)
@@ -229,8 +232,11 @@ def _pack_planes(planes, own, count, reach, arena, at):
         # other scales round a little otherwise, and few leaves need a third
         scale = np.float32((1.0 - 2.0**-8) / unscaled)
         error = _put_planes(planes, own, count, forced, turn, reach, np.float64(scale), arena, at)
-    floats[at + SCALE] = scale
-    floats[at + PLANE] = np.nan if forced else scale
+    floats[at + PLANE] = scale
+    if forced:
+        head = floats[at + PLANE : at + PLANE + PLANE_WORDS]
+        floats[lane : lane + PLANE_WORDS] = head
+        head[:] = 0.0
     _put_word(arena, at + FORCED, forced)
     _put_word(arena, at + FLIPPED, flipped)
     return turn
@@ -255,7 +261,7 @@ def _number(value, mark, known, own):
 
 @njit(cache=True)
 def pack_leaves(record, first_word, order, edge_vertices, edge_faces, corners, planes, reach, face_mark, vertex_mark, arena, lane):
-    """All leaves of record (l, COLUMNS) i4 into arena, from word first_word on, and from word lane on the corners of each's faces.
+    """All leaves of record (l, COLUMNS) i4 into arena, from word first_word on, and from word lane on what `tree_walk` says of CORNERS.
 
     corners (f, 3) i4 of all faces, planes (f, 4) f8 of `unit_planes`, reach: the largest |position|; the marks (f,) and (v,) i4 are
     scratch, any content.
@@ -267,7 +273,7 @@ def pack_leaves(record, first_word, order, edge_vertices, edge_faces, corners, p
         count, edges = record[leaf, FACES], record[leaf, EDGES]
         ends = at + HEAD_WORDS + 12 * ((count + 7) // 8)
         row = (edges + 15) // 16 * 4
-        faces, vertices = 0, 0
+        listed, faces, vertices = lane + PLANE_WORDS, 0, 0
         for i in range(edges):
             e = order[record[leaf, START] + i]
             for side in range(2):
@@ -277,9 +283,9 @@ def pack_leaves(record, first_word, order, edge_vertices, edge_faces, corners, p
                 bytes_[4 * (ends + (2 + side) * row) + i] = m
         arena[ends + 4 * row : ends + 4 * row + vertices] = own_vertices[:vertices]
         for m in range(faces):
-            arena[lane + 3 * m : lane + 3 * m + 3] = corners[own_faces[m]]
-        turn = _pack_planes(planes, own_faces, faces, reach, arena, at)
+            arena[listed + 3 * m : listed + 3 * m + 3] = corners[own_faces[m]]
+        turn = _pack_planes(planes, own_faces, faces, reach, arena, at, lane)
         counts = faces | edges << EDGES_BITS | vertices << VERTICES_BITS | turn << TURN_BITS | record[leaf, MORE] << MORE_BIT
         arena[at + COUNTS] = counts
-        arena[at + CORNERS] = lane
-        lane += 3 * faces
+        arena[at + CORNERS] = listed
+        lane = listed + 3 * faces

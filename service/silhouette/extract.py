@@ -101,10 +101,10 @@ class SilhouetteTree:
     def share_leaves(self, eye: F8, threads: int) -> Extraction:
         """As `extract`, the leaves shared out to threads, this one among them, however large the mesh. eye (4,) f8 is checked already."""
         eyes: F4 = tree_walk.turned_eyes(eye)
-        if not eyes[:3].any() and eye[:3].any():
+        if not eyes.any():
             return self._by_brute_force(eye)
         words = self._scratch.words
-        leaves, cones = tree_walk.open_nodes(self._arena, words, self._lanes, eye, eyes, self._farthest_anchor)
+        leaves, cones = tree_walk.open_nodes(self._arena, words, self._lanes, eye, self._farthest_anchor)
         parts = np.array_split(leaves, max(1, min(threads, len(leaves) // _LEAVES_A_THREAD)))
         others: list[Future[tuple[I4, int]]] = [pool().submit(self._test_leaves, part, eye, eyes) for part in parts[1:]]
         found = [self._test_leaves(parts[0], eye, eyes), *(other.result() for other in others)]

@@ -59,7 +59,7 @@ def pack_tree(positions: F4, faces: I4, edge_vertices: I4, edge_faces: I4, tree:
     )
     record = record[:leaves].copy()
     first_line = len(item) * tree_walk.BLOCK_WORDS // tree_walk.LINE
-    arena = _lines(first_line + lines + -(-3 * listed // tree_walk.LINE))
+    arena = _lines(first_line + lines + -(-(3 * listed + tree_walk.PLANE_WORDS * leaves) // tree_walk.LINE))
     at = np.where(first_leaf >= 0, first_line + record[first_leaf, tree_walk_pack_leaves.AT], -1).astype(np.int32)
     scaled, front, back, separation = (cone[kept] for cone in cones)
     tree_walk_pack.pack_nodes(item, below, next_block, at, scaled, front, back, separation, arena)

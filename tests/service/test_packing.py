@@ -22,12 +22,11 @@ from service.kernels.tree_walk import (
     MORE_BIT,
     NEXT,
     PLANE,
-    SCALE,
+    PLANE_WORDS,
     STEP,
     TURN_BITS,
     VERTICES_BITS,
     leaf_sides,
-    reach_of,
     sure_sides,
     turned_eyes,
 )
@@ -48,8 +47,8 @@ SHAPES = {
 @njit
 def sides_of(arena, at, eye):
     eyes = turned_eyes(eye)
-    front, doubtful = sure_sides(arena, at, arena[at + COUNTS], eyes, reach_of(eyes))
-    over, alarm = leaf_sides(arena, at, arena[at + COUNTS], eyes, reach_of(eyes))
+    front, doubtful = sure_sides(arena, at, arena[at + COUNTS], eyes)
+    over, alarm = leaf_sides(arena, at, arena[at + COUNTS], eyes)
     return front, doubtful, over, alarm
 
 
@@ -102,7 +101,9 @@ def test_stored_planes_are_off_by_no_more_than_the_leaf_says(prepared, name):
         own = [number_of[tuple(corners)] for corners in corners_of(arena, at).tolist()]
         turn, row = int(arena[at + COUNTS]) >> TURN_BITS & 3, (len(own) + 7) // 8 * 8
         forced, flipped = word(arena, at + FORCED), word(arena, at + FLIPPED)
-        head = arena[at : at + HEAD_WORDS].view(np.float32).astype(np.float64)
+        plane = int(arena[at + CORNERS]) - PLANE_WORDS if forced else at
+        head = arena[plane : plane + PLANE_WORDS].view(np.float32).astype(np.float64)
+        assert not forced or not arena[at : at + PLANE_WORDS].any()
         numbers = arena[at + HEAD_WORDS :].view(np.int16)
         for i, face in enumerate(own):
             component = planes[face, turn]
@@ -112,7 +113,7 @@ def test_stored_planes_are_off_by_no_more_than_the_leaf_says(prepared, name):
             assert (flipped >> i & 1) == (component < 0.0)
             for k, column in ((1, (turn + 1) % 3), (2, (turn + 2) % 3), (3, 3)):
                 stored = head[PLANE + k] + head[STEP + k] * numbers[(k - 1) * row + i]
-                assert abs(stored - head[SCALE] * planes[face, column] / component) <= 1.0
+                assert abs(stored - head[PLANE] * planes[face, column] / component) <= 1.0
             checked += 1
     assert checked > 0 or name == "needle"
 
