@@ -41,6 +41,9 @@ PLANE_ERROR = 7.5 * 2.0**-24
 rounded once, twice in their sum, and three times as the sixteen-bit differences are added; those take part in five roundings at
 most; the eye itself is rounded once: 7 u of each coordinate's largest term, and half a unit for what is of second order."""
 
+FIRST_SHARE = 0.5
+"""The first coefficient of a leaf's planes is 1, and only its roundings make it wrong: its error counts by this share."""
+
 LINE = 16  # words in a cache line
 BELOW, LEAF, MASKS, NEXT, BLOCK_WORDS = 96, 104, 112, 113, 128
 """Words of a node block: NODE_ROWS rows of cones, then per lane the block with its children and the line of its first leaf
@@ -233,14 +236,15 @@ def sure_sides(arena, at, counts, eyes):
 def turned_eyes(eye):
     """(12,) f4: the eye (4,) f8 as leaves are tested by, its coordinates turned by 0, 1 and 2; all zero when it is too far for that.
 
-    The absolute values of all four coordinates add up to SURE: a height is off by at most that where planes are off by 1.
+    Absolute values, the first one times FIRST_SHARE, add up to SURE: a height is off by at most that where planes are off by 1.
     """
     length = math.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2])
     eyes = np.zeros(12, np.float32)
     if not length < FARTHEST_EYE or (eye[3] == 0.0 and length < SHORTEST_DIRECTION):
         return eyes
-    scale = SURE / (abs(eye[0]) + abs(eye[1]) + abs(eye[2]) + eye[3])
     for turn in range(3):
+        first, second, third = abs(eye[turn]), abs(eye[(turn + 1) % 3]), abs(eye[(turn + 2) % 3])
+        scale = SURE / (FIRST_SHARE * first + second + third + eye[3])
         for k in range(3):
             eyes[4 * turn + k] = eye[(turn + k) % 3] * scale
         eyes[4 * turn + 3] = eye[3] * scale

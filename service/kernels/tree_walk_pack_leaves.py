@@ -16,6 +16,7 @@ from service.kernels.tree_walk import (
     CORNERS,
     COUNTS,
     EDGES_BITS,
+    FIRST_SHARE,
     FLIPPED,
     FORCED,
     HEAD_WORDS,
@@ -186,7 +187,8 @@ def _bits_of(planes, own, count, turn):
 def _put_planes(planes, own, count, forced, turn, reach, scale, arena, at):
     """The planes that are not forced, times scale f4, into the leaf at word `at`; returns by how much they are off at most.
 
-    That bounds the error of a height for an eye of which the absolute coordinates and w add up to 1, roundings of the test included.
+    That bounds the error of a height, roundings of the test included, for an eye of which the absolute coordinates and w add up to
+    1, the first one by its share.
     """
     floats, shorts = arena.view(np.float32), arena.view(np.int16)
     row = (count + 7) // 8 * 8
@@ -214,6 +216,7 @@ def _put_planes(planes, own, count, forced, turn, reach, scale, arena, at):
     largest = max(1.0, size[1], size[2])
     turned = 3.5 * NORMAL_ERROR * largest * largest
     of_normals = max(worst[1], worst[2]) + (PLANE_ERROR * largest + turned) * scale
+    of_normals = max(of_normals, PLANE_ERROR / FIRST_SHARE * scale)
     return max(of_normals, worst[3] + (PLANE_ERROR * size[3] + 1.5 * turned * reach) * scale) * _ROUNDED_UP
 
 
