@@ -31,12 +31,21 @@ ASIDE = 5.0
 """Steps towards the middle of the face, for each one below: where faces meet at more than 11 degrees it stays below both."""
 
 
+MOST_CROSSINGS, CROSSINGS_AN_EDGE = 200_000, 1
+"""More between an original and its hull are not looked at: each takes a few winding numbers, and only surfaces that go through
+themselves everywhere have as many."""
+
+
 class NotEnclosedError(ValueError):
     """A point of the original lies outside the hull by `distance` normalised units. point: [x, y, z], normalised."""
 
     def __init__(self, message: str, point: list[float], distance: float) -> None:
         super().__init__(message)
         self.point, self.distance = point, distance
+
+
+class UnprovenError(ValueError):
+    """The original and the hull cross too often for a proof that the one encloses the other."""
 
 
 class Solid:
@@ -61,12 +70,18 @@ class Solid:
         return np.where((side == 0) & (square <= TOLERANCE**2), 0.0, np.sqrt(square))
 
     def crossings(self, other: Solid, edges: Values) -> I4:
-        """(n, 2) i4: (edge of other, face of this one) pairs that cross; only edges (k,) of other are looked at."""
+        """(n, 2) i4: (edge of other, face of this one) pairs that cross; only edges (k,) of other are looked at.
+
+        Raises UnprovenError where there are too many.
+        """
         ends = other.positions[other.edges[edges]]
+        most = max(MOST_CROSSINGS, CROSSINGS_AN_EDGE * max(len(self.edges), len(other.edges)))
         pairs = np.empty((4096, 2), np.int32)
         while True:
             lines = (np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))
-            count = verify_enclosure.crossings(self.positions, self.faces, self.order, self.boxes, *lines, pairs)
+            count = verify_enclosure.crossings(self.positions, self.faces, self.order, self.boxes, *lines, pairs, most)
+            if count > most:
+                raise UnprovenError(f"it crosses the original more than {most:,} times: too often to prove that it encloses it")
             if count <= len(pairs):
                 return np.column_stack([edges[pairs[:count, 0]], pairs[:count, 1]]).astype(np.int32)
             pairs = np.empty((count, 2), np.int32)
@@ -81,6 +96,8 @@ class Solid:
 
 def enclosure_fault(positions: F4, faces: I4, hull_positions: F4, hull_faces: I4) -> int:
     """Raise NotEnclosedError where the hull does not enclose the original; else the number of points outside within TOLERANCE.
+
+    Raises UnprovenError where they cross too often.
 
     positions (v, 3) f4, faces (f, 3) i4: closed, oriented; hull_positions (hv, 3) f4, hull_faces (hf, 3) i4 as well.
     """

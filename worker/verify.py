@@ -19,7 +19,7 @@ from geometry.tile_layout import TileLayout
 from geometry.topology import NotManifoldError, build_edges, face_normals, signed_volume
 from schemas.conventions import F8
 from schemas.errors import CorruptArtifactError
-from worker.enclosure import NotEnclosedError, enclosure_fault
+from worker.enclosure import NotEnclosedError, UnprovenError, enclosure_fault
 from worker.kernels import verify_enclosure, verify_maps, verify_tree
 
 Values = npt.NDArray[Any]
@@ -169,6 +169,9 @@ def _check_enclosure(mesh: Tensors, hull: Tensors) -> dict[str, Any]:
         grazing = enclosure_fault(mesh["positions"], mesh["faces"], hull["positions"], hull["faces"])
     except NotEnclosedError as fault:
         _require(False, "hull", "enclosure", str(fault), distance=fault.distance, point=fault.point)
+        raise
+    except UnprovenError as fault:
+        _require(False, "hull", "enclosure", str(fault))
         raise
     return {"grazing_points": grazing}
 

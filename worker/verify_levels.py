@@ -9,7 +9,7 @@ import numpy as np
 from geometry.hull_sequence import replay_steps
 from schemas.conventions import F4, F8, I4
 from schemas.errors import CorruptArtifactError
-from worker.enclosure import NotEnclosedError, Solid, fault_between
+from worker.enclosure import NotEnclosedError, Solid, UnprovenError, fault_between
 from worker.kernels import bake_boxes
 from worker.verify import Tensors, check_edges, check_surface, check_tree
 
@@ -61,6 +61,8 @@ def _enclosed(inside: Solid, outside: Solid, artifact: str) -> int:
     except NotEnclosedError as fault:
         message = f"the {artifact} hull is wrong: {fault}"
         raise CorruptArtifactError(message, artifact=artifact, distance=fault.distance, point=fault.point) from fault
+    except UnprovenError as fault:
+        raise CorruptArtifactError(f"the {artifact} hull is wrong: {fault}", artifact=artifact) from fault
 
 
 def sampled_points(positions: F4, faces: I4, count: int) -> F8:

@@ -180,8 +180,11 @@ def _crossings_of(n, p, q, corners, planes, order, boxes, pairs, count, stack, a
 
 
 @njit(cache=True, nogil=True)
-def crossings(positions, faces, order, boxes, starts, ends, pairs):
-    """Number of crossings of segments from starts to ends (n, 3) f4 with the mesh; (segment, face) of the first into pairs (m, 2) i4."""
+def crossings(positions, faces, order, boxes, starts, ends, pairs, most):
+    """Number of crossings of segments from starts to ends (n, 3) f4 with the mesh; (segment, face) of the first into pairs (m, 2) i4.
+
+    It ends with the segment with which they come to more than `most`.
+    """
     count = 0
     stack, about = np.empty(STACK, np.int64), np.empty(6)
     corners, planes = np.empty((order.shape[0], 3, 3), np.float32), np.empty((order.shape[0], 5))
@@ -195,6 +198,8 @@ def crossings(positions, faces, order, boxes, starts, ends, pairs):
         _plane(corners[i, 0], corners[i, 1], corners[i, 2], reach, planes[i])
     for n in range(starts.shape[0]):
         count = _crossings_of(n, starts[n], ends[n], corners, planes, order, boxes, pairs, count, stack, about)
+        if count > most:
+            break
     return count
 
 
