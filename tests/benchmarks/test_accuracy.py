@@ -14,6 +14,8 @@ from client.shapes import write_ply
 from schemas.ladder import RungKey
 from tests import meshes
 
+pytestmark = pytest.mark.xdist_group("accuracy")  # one run of the benchmark for all tests
+
 ROOT = Path(__file__).resolve().parents[2]
 FIELDS = {"alpha_error", "alpha_rmse", "wrong_pixels", "distance_px", "psnr", "ssim", "ms", "bound_px"}
 

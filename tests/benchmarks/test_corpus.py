@@ -22,6 +22,8 @@ from service.silhouette.extract import SilhouetteTree
 from tests import meshes
 from worker.tree import build_tree
 
+pytestmark = pytest.mark.xdist_group("corpus")  # one run of the benchmark for all tests
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -13,6 +13,8 @@ from benchmarks.exactness import bars
 from client.shapes import write_ply
 from tests import degenerate, meshes
 
+pytestmark = pytest.mark.xdist_group("exactness")  # one run of the benchmark for all tests
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

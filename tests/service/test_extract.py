@@ -242,14 +242,18 @@ def test_a_tree_of_another_mesh_is_refused(fault):
 
 
 PLAIN_CPU = """
+import sys
+
 import numpy as np
+
 from geometry.silhouettes import silhouette_scalar
 from service.kernels.tree_walk_leaf import WIDE
 from service.silhouette.extract import SilhouetteTree
 from tests import meshes, oracles
-from tests.service.test_extract import tensors
 
-tree = SilhouetteTree(*tensors(*meshes.normalised(meshes.bumpy_sphere(3))[:2]))
+with np.load(sys.argv[1]) as stored:
+    parts = [{name.partition(" ")[2]: stored[name] for name in stored if name.startswith(part)} for part in ("mesh", "tree")]
+tree = SilhouetteTree(*parts)
 table = (tree.positions, tree.faces, tree.edge_vertices, tree.edge_faces)
 assert not WIDE
 for eye in meshes.eyes(20, orthographic=5):
@@ -260,10 +264,12 @@ print("same")
 
 @pytest.mark.heavy
 def test_extraction_is_brute_force_on_a_cpu_without_wide_vectors(tmp_path):
+    mesh, tree = tensors(*meshes.normalised(meshes.bumpy_sphere(3))[:2])  # made here: there all kernels are compiled again
+    parts = tmp_path / "parts.npz"
+    np.savez(parts, **{f"mesh {name}": array for name, array in mesh.items()}, **{f"tree {name}": array for name, array in tree.items()})
     environment = os.environ | {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": str(tmp_path)}
-    run = subprocess.run(
-        [sys.executable, "-c", PLAIN_CPU], env=environment, cwd=ROOT, capture_output=True, text=True, timeout=280, check=True
-    )
+    command = [sys.executable, "-c", PLAIN_CPU, str(parts)]
+    run = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, timeout=280, check=True)
     assert run.stdout == "same\n"
 
 
