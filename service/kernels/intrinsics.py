@@ -47,3 +47,18 @@ def fetch_ahead(typingctx, array, at):
         return context.get_dummy_value()
 
     return types.void(array, types.int64), generate
+
+
+@intrinsic
+def unlikely(typingctx, condition):
+    """(boolean) -> the same; what happens only if it is true is laid out out of the way."""
+    del typingctx
+
+    def generate(context, builder, signature, arguments):
+        del context, signature
+        bit = ir.IntType(1)
+        expect = builder.module.declare_intrinsic("llvm.expect", [bit], ir.FunctionType(bit, [bit, bit]))
+        value = arguments[0] if arguments[0].type == bit else builder.trunc(arguments[0], bit)
+        return builder.call(expect, [value, ir.Constant(bit, 0)])
+
+    return types.boolean(types.boolean), generate

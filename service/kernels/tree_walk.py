@@ -18,7 +18,7 @@ from numba import njit
 from numba.cpython.unsafe.numbers import trailing_zeros
 
 from geometry.predicates import sees_front
-from service.kernels.intrinsics import fetch_ahead
+from service.kernels.intrinsics import fetch_ahead, unlikely
 from service.kernels.tree_walk_lanes import BIT_COUNT, SET_BITS, append_lanes, missed_cones
 from service.kernels.tree_walk_leaf import (
     SIXTEEN,
@@ -157,7 +157,7 @@ def visit_leaves(arena, leaves, waiting, positions, eye, eyes, out):
             own_faces, own_edges, own_vertices = counts & 0xFF, (counts >> EDGES_BITS) & 0xFF, (counts >> VERTICES_BITS) & 0xFF
             front, alarm = leaf_sides(arena, at, counts, eyes)
             ends = at + HEAD_WORDS + 12 * ((own_faces + 7) >> 3)
-            if alarm:
+            if unlikely(alarm):
                 waiting[unsure] = at // LINE
                 unsure += 1
             else:
