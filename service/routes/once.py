@@ -121,7 +121,12 @@ def _wanted(model: type[Wanted], mesh: OneMesh, view: RenderQuery | SilhouetteQu
     try:
         return model.model_validate_json(text)
     except ValidationError as error:
-        raise RequestValidationError([{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors()]) from error
+        raise RequestValidationError(_in_body(error)) from error
+
+
+def _in_body(error: ValidationError) -> list[dict[str, Any]]:
+    """Its faults, as those of a request's body."""
+    return [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors()]
 
 
 def _drawing(mesh: OneMesh, wanted: RenderRequest) -> Any:
