@@ -43,12 +43,6 @@ def test_a_picture_is_that_of_the_kept_mesh_drawn_from_the_original(http, knot, 
     kept = image_of(http.get(f"/v1/meshes/{knot.id}/render.png", params=view))
     answer = http.post("/v1/render", params=view | {"name": "knot.ply"}, content=knot_bytes)
     drawn = image_of(answer)
-    print(
-        np.abs(drawn.astype(int) - kept).max(),
-        (drawn != kept).sum(),
-        answer.headers,
-        http.get(f"/v1/meshes/{knot.id}/render.png", params=view).headers,
-    )
     assert np.array_equal(drawn, kept)
     assert "load;dur=" in answer.headers["Server-Timing"] and answer.headers["Cache-Control"] == "no-store"
     assert left() == 0
