@@ -32,7 +32,7 @@ from backend.settings import BackendSettings
 from backend.store import Store
 from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError
-from schemas.jobs import LATER_QUEUE, LATER_STAGES, QUEUE, RUN_STAGE, STAGES
+from schemas.jobs import LATER_QUEUE, LATER_STAGES, ONCE_QUEUE, QUEUE, READ_MESH, RUN_STAGE, STAGES
 from schemas.manifest import StageRecord
 
 log = logging.getLogger(__name__)
@@ -87,7 +87,8 @@ class _JobState(Enum):
 class JobQueue:
     """Jobs of all meshes. `attempts` is how often a stage is started when it breaks or its worker dies.
 
-    `measure`: whether meshes that are ready go through the later stages. `queue` and `later` are what workers listen to, in that order.
+    `measure`: whether meshes that are ready go through the later stages. `queue` and `later` are what workers listen to, in that order,
+    `once` what readers listen to.
     """
 
     def __init__(
@@ -106,6 +107,7 @@ class JobQueue:
         self.progress = Progress(connection)
         self.queue = StageQueue(QUEUE, connection=connection, serializer=JSONSerializer)
         self.later = StageQueue(LATER_QUEUE, connection=connection, serializer=JSONSerializer)
+        self.once = StageQueue(ONCE_QUEUE, connection=connection, serializer=JSONSerializer)
         self._settled: dict[str, str] = {}
         self._stage_timeout_s = stage_timeout_s
         self._attempts = attempts
@@ -172,6 +174,19 @@ class JobQueue:
         self.progress.clear(mesh_id)
         self.progress.notify(mesh_id)
         return existed
+
+    def read_once(self, token: str, extension: str, options: Mapping[str, Any], limit_s: float) -> None:
+        """Have a mesh read that is not kept (`backend.once`), in so many seconds from now or never. Raises redis.RedisError."""
+        self.once.enqueue(
+            READ_MESH,
+            args=(token, extension, dict(options)),
+            job_id=f"{token}-once",
+            job_timeout=math.ceil(limit_s),
+            ttl=math.ceil(limit_s),
+            result_ttl=0,
+            failure_ttl=RESULT_S,
+            description=f"read {token}",
+        )
 
     def has_waiting(self) -> bool:
         """Whether a job that makes a mesh ready waits for a worker; False when Redis does not say."""

@@ -149,6 +149,15 @@ class Client:
         headers = {"Accept": SILHOUETTE_TYPES[form]}
         return self._send("POST", f"/v1/meshes/{mesh_id}/silhouette", json=_body(fields), headers=headers).content
 
+    def picture_once(self, path: str | Path, *, repair: str = "auto", **fields: Any) -> Picture:
+        """A picture of a file that the service does not keep: nothing is prepared; `fields` as for `render`."""
+        return _picture(self._send_file("/v1/render", path, {"repair": repair}, {"format": ImageFormat.PNG, **fields}, {}))
+
+    def silhouette_once(self, path: str | Path, form: str = "svg", *, repair: str = "auto", **fields: Any) -> bytes:
+        """The silhouette of a file that the service does not keep, as `silhouette_document`."""
+        headers = {"Accept": SILHOUETTE_TYPES[form]}
+        return self._send_file("/v1/silhouette", path, {"repair": repair}, fields, headers).content
+
     def plan(self, mesh_id: str, **fields: Any) -> PlanReport:
         """What `render` would do with these fields, why, and what it is predicted to cost; nothing is drawn."""
         answer = self._send("POST", f"/v1/meshes/{mesh_id}/render", params={"explain": "true"}, json=_body(fields))
@@ -178,6 +187,15 @@ class Client:
         if answer.is_error:
             raise error_of(answer)
         return answer
+
+    def _send_file(
+        self, address: str, path: str | Path, query: dict[str, str], fields: dict[str, Any], headers: dict[str, str]
+    ) -> httpx.Response:
+        """Post a form of a file and a request."""
+        path = Path(path)
+        request = (None, json.dumps(_body(fields)), "application/json")
+        with path.open("rb") as file:
+            return self._send("POST", address, params=query, files={"file": (path.name, file), "request": request}, headers=headers)
 
     def _events(self, mesh_id: str) -> Iterator[MeshInfo | None]:
         """The mesh at each change, None at each sign of life, until it is ready or failed. Raises NotFoundError when deleted."""

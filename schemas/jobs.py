@@ -12,6 +12,15 @@ QUEUE = "silhouette"
 LATER_QUEUE = "silhouette-later"
 """Of the later stages: workers look there when nothing else is to be done."""
 
+READ_MESH = "worker.once.read_mesh"
+"""Callable `(token: str, extension: str, options: dict) -> None`; one job reads one mesh that is not kept (`backend.once`)."""
+
+ONCE_QUEUE = "silhouette-once"
+"""Of meshes that are not kept: a client waits, so readers look nowhere else, and no stage is in front of them."""
+
+READER_FLAG = "--reader"
+"""Of the worker module, for a process that takes jobs off that queue and no other."""
+
 MEASURE = "service.measure.measure_mesh"
 """Callable `(store, mesh_id, progress, pause) -> dict | None`, for the stage `measure`: the one piece of work on the workers' side that
 draws. store: `backend.store.Store`; progress: takes a fraction, raises CancelledError; pause: whether others are waiting for the

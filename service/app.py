@@ -14,7 +14,7 @@ import redis
 from anyio import to_thread
 from fastapi import FastAPI
 
-from backend import records
+from backend import once, records
 from backend.queue import JobQueue
 from schemas.errors import SilhouetteError
 from service import errors
@@ -25,6 +25,7 @@ from service.meshes import Meshes
 from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
 from service.routes import accuracy, artifacts, docs, health, meshes, page, render, scenes, silhouette
+from service.routes import once as one_request
 from service.settings import ServiceSettings
 from service.slots import Slots
 from service.state import Services
@@ -32,7 +33,10 @@ from service.warm import warm_in_background
 
 log = logging.getLogger("silhouette.service")
 
-ROUTES = (page, docs, meshes, render, scenes, silhouette, accuracy, artifacts, health)
+ROUTES = (page, docs, meshes, render, scenes, silhouette, one_request, accuracy, artifacts, health)
+
+MESH_BODIES = frozenset({"/v1/meshes", "/v1/render", "/v1/silhouette"})
+"""Addresses that take a mesh, and count its bytes themselves."""
 
 DESCRIPTION = """Upload a heavy mesh once; from then on get any view in milliseconds, without a GPU, with an outline that is exactly
 the original's although only a coarse hull is drawn, or the silhouette itself as JSON or SVG."""
@@ -71,7 +75,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
     )
     errors.install(app)
-    app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=frozenset({"/v1/meshes"}))
+    app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=MESH_BODIES)
     app.add_middleware(HeadAsGet)
     for module in ROUTES:
         app.include_router(module.router)
@@ -89,6 +93,7 @@ def _open(settings: ServiceSettings) -> Services:
     return Services(
         settings=settings,
         store=queue.store,
+        once=once.store_of(queue.store),
         queue=queue,
         meshes=Meshes(queue.store, queue.progress, measure=settings.measure),
         assets=AssetCache(queue.store, settings.asset_cache_mib),
@@ -112,6 +117,7 @@ async def _reconcile(services: Services) -> None:
     """Every few seconds bring to the queue what was accepted and is not finished, whatever has been lost meanwhile."""
     settings = services.settings
     await to_thread.run_sync(records.sweep, services.store, settings.temporary_age_s)
+    await to_thread.run_sync(once.sweep, services.once, settings.temporary_age_s)
     while True:
         try:
             await to_thread.run_sync(services.queue.reconcile_in_turn, settings.reconcile_interval_s)

@@ -20,12 +20,13 @@ import redis
 
 from backend.queue import JobQueue, connect
 from backend.settings import ENV_PREFIX, BackendSettings
-from schemas.jobs import WORKER_MODULE
+from schemas.jobs import READER_FLAG, WORKER_MODULE
 from service.children import Child, Supervisor
 
 log = logging.getLogger("silhouette.embedded")
 
 SERVER = "valkey"
+READER = "reader"
 SERVER_OPTIONS = {
     "port": "0",  # no network at all
     "unixsocketperm": "700",
@@ -48,7 +49,8 @@ class StartupError(RuntimeError):
 
 
 class EmbeddedBackend:
-    """A private server on a unix socket under `data_dir`, and `worker_count` workers; both are restarted when they end.
+    """A private server on a unix socket under `data_dir`, `worker_count` workers, and a reader of meshes that are not kept if there are
+    any; all are restarted when they end.
 
     After `start`, `redis_url` is where the queue is. Nothing survives this process, even when it is killed.
     `environment` is added to the workers' own.
@@ -87,10 +89,12 @@ class EmbeddedBackend:
             raise
         for name in self.worker_names:
             self._supervisor.add(self._worker(name))
+        if self.worker_names:
+            self._supervisor.add(self._worker(READER, READER_FLAG))
 
     def stop(self, grace_s: float = 3.0) -> None:
         """Stop the workers, after `grace_s` by force, then the server. Interrupted stages are done again at the next start."""
-        self._supervisor.remove(self.worker_names, grace_s)
+        self._supervisor.remove([*self.worker_names, READER], grace_s)
         if self._answered:
             try:
                 self._queue().release_started()
@@ -145,13 +149,13 @@ class EmbeddedBackend:
         self._server_folder.mkdir()
         log.error("the queue's file could not be read and was moved aside", extra={"moved_to": str(aside)})
 
-    def _worker(self, name: str) -> Child:
+    def _worker(self, name: str, *flags: str) -> Child:
         environment = {
             f"{ENV_PREFIX}DATA_DIR": str(self.data_dir),
             f"{ENV_PREFIX}REDIS_URL": self.redis_url,
             **self._environment,
         }
-        return Child(name, (sys.executable, "-m", WORKER_MODULE), environment)
+        return Child(name, (sys.executable, "-m", WORKER_MODULE, *flags), environment)
 
     def _queue(self) -> JobQueue:
         return JobQueue.open(BackendSettings(data_dir=self.data_dir, redis_url=self.redis_url))

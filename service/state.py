@@ -20,11 +20,13 @@ from service.slots import Slots
 class Services:
     """The parts that routes work with. `cpu` runs what would hold up the event loop: mapping artifacts, extraction, encoding.
 
-    renderer_fault: why the renderer did not start, for people; None when it draws.
+    once: the store of meshes that are not kept (`backend.once`). renderer_fault: why the renderer did not start, for people; None when
+    it draws.
     """
 
     settings: ServiceSettings
     store: Store
+    once: Store
     queue: JobQueue
     meshes: Meshes
     assets: AssetCache

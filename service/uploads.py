@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
@@ -61,33 +61,39 @@ class UploadLimits:
 
 @dataclass(frozen=True)
 class Upload:
-    """A received upload; its bytes are in the file it was received into. `extension` without dot, lower case."""
+    """A received upload; its bytes are in the file it was received into. `extension` without dot, lower case.
+
+    beside: form fields that say something else than how to process it.
+    """
 
     sha256: str
     size: int
     name: str
     extension: str
     options: PreprocessOptions
+    beside: Mapping[str, str] = field(default_factory=dict)
 
 
-async def receive_upload(request: Request, file: BinaryIO, limits: UploadLimits) -> Upload:
+async def receive_upload(request: Request, file: BinaryIO, limits: UploadLimits, beside: Collection[str] = ()) -> Upload:
     """Stream the mesh of a request (raw body or multipart field `file`) into `file`, open for writing.
 
-    Options come from the query, and from form fields where there is a form. Raises TooLargeError, StorageFullError,
-    UnknownFormatError, MeshRejectedError (nothing in it), InvalidRequestError, RequestValidationError and HTTPException 400.
+    Options come from the query, and from form fields where there is a form; what has a name in `beside` is none.
+    Raises TooLargeError, StorageFullError, UnknownFormatError, MeshRejectedError (nothing in it), InvalidRequestError,
+    RequestValidationError and HTTPException 400.
     """
-    query = dict(request.query_params)
+    query = {name: value for name, value in request.query_params.items() if name not in beside}
     content_type, parameters = parse_options_header(request.headers.get("content-type", ""))
     form = content_type == b"multipart/form-data"
     if not form:  # what can be refused before the bytes come is
         described = _described(query, content_type.decode("latin-1"))
-    body = _Body(request)
+    body, kept = _Body(request), dict[str, str]()
     try:
         _check_room(int(request.headers.get("content-length", "0")), limits)
         spool = _Spool(file, limits.max_bytes)
         if form:
             fields = await _receive_form(body, parameters.get(b"boundary", b""), spool)
-            described = _described(query | fields, "")
+            kept = {name: value for name, value in fields.items() if name in beside}
+            described = _described(query | {name: value for name, value in fields.items() if name not in kept}, "")
         else:
             async for chunk in body.chunks():
                 await spool.write(chunk)
@@ -98,7 +104,7 @@ async def receive_upload(request: Request, file: BinaryIO, limits: UploadLimits)
     if spool.size == 0:
         raise MeshRejectedError("The upload is empty: it has no bytes.", code="empty-file")
     name, extension, options = described
-    return Upload(spool.digest.hexdigest(), spool.size, name, extension, options)
+    return Upload(spool.digest.hexdigest(), spool.size, name, extension, options, kept)
 
 
 class _Body:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
@@ -13,6 +14,9 @@ from starlette.requests import ClientDisconnect
 from schemas.errors import BusyError
 
 T = TypeVar("T")
+
+LOOK_S = 0.01
+"""Between two looks of `wait_until`."""
 
 
 async def wait_for(request: Request, future: Future[T], timeout_s: float) -> T:
@@ -34,6 +38,25 @@ async def wait_for(request: Request, future: Future[T], timeout_s: float) -> T:
             work.cancel()
             raise ClientDisconnect if left else BusyError("The service could not answer in time; try again in a moment.")
     return await work
+
+
+async def wait_until(request: Request, look: Callable[[], T | None], timeout_s: float) -> T:
+    """What `look` finds, once it finds something; it is asked again and again, and must not block.
+
+    The body of the request must have been read. Raises ClientDisconnect, BusyError.
+    """
+    gone = asyncio.ensure_future(_gone(request))
+    try:
+        deadline = time.monotonic() + timeout_s
+        while (found := look()) is None:
+            if gone.done():
+                raise ClientDisconnect
+            if time.monotonic() > deadline:
+                raise BusyError("The service could not answer in time; try again in a moment.")
+            await asyncio.sleep(LOOK_S)
+        return found
+    finally:
+        gone.cancel()
 
 
 async def _gone(request: Request) -> None:

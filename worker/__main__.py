@@ -1,4 +1,4 @@
-"""`python -m worker`: take preprocessing jobs off the queue until told to stop."""
+"""`python -m worker`: take preprocessing jobs off the queue until told to stop. `--reader`: those of meshes that are not kept."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from pathlib import Path
 import redis
 from pydantic import ValidationError
 
-from backend import records
+from backend import once, records
 from backend.logs import configure_logs
 from backend.queue import JobQueue
 from backend.settings import setting_faults
+from schemas.jobs import READER_FLAG
 from worker.jobs import STAGE_FUNCTIONS
 from worker.process import StageWorker, die_with_parent
 from worker.settings import WorkerSettings
@@ -49,7 +50,8 @@ def main() -> int:
         warm_in_background(settings.data_dir)
     start_compiler()
     records.sweep(jobs.store, settings.temporary_age_s)
-    StageWorker(jobs, settings).work()
+    once.sweep(once.store_of(jobs.store), settings.temporary_age_s)
+    StageWorker(jobs, settings, reader=READER_FLAG in sys.argv[1:]).work()
     return 0
 
 

@@ -21,7 +21,7 @@ from rq.serializers import JSONSerializer
 
 from backend.queue import JobQueue, StageQueue
 from schemas.errors import SilhouetteError
-from schemas.jobs import LATER_QUEUE
+from schemas.jobs import LATER_QUEUE, ONCE_QUEUE
 from worker.settings import WorkerSettings
 
 log = logging.getLogger("silhouette.worker")
@@ -36,16 +36,16 @@ LOWEST_PRIORITY = 19
 
 
 class StageWorker(Worker):
-    """A worker of both queues; when idle it also compares the store with them."""
+    """A worker of both queues of stages; when idle it also compares the store with them. reader: of meshes that are not kept instead."""
 
     queue_class = StageQueue
     max_connection_wait_time = RECONNECT_S
 
-    def __init__(self, jobs: JobQueue, settings: WorkerSettings) -> None:
+    def __init__(self, jobs: JobQueue, settings: WorkerSettings, *, reader: bool = False) -> None:
         self._jobs = jobs
         self._settings = settings
         super().__init__(
-            [jobs.queue, jobs.later],
+            [jobs.once] if reader else [jobs.queue, jobs.later],
             connection=jobs.redis,
             serializer=JSONSerializer,
             worker_ttl=WORKER_TTL_S,
@@ -87,6 +87,8 @@ class StageWorker(Worker):
     ) -> None:
         """RQ's own; after the last attempt the mesh is told at once."""
         super().handle_job_failure(job, queue, started_job_registry, exc_string, execution)
+        if queue.name == ONCE_QUEUE:  # whoever waits stops waiting
+            return
         with contextlib.suppress(redis.RedisError, SilhouetteError):  # the reconciler will do it
             if job.get_status() == JobStatus.FAILED:
                 self._jobs.advance(job.args[0])

@@ -43,7 +43,7 @@ from worker.enclosure import Solid
 from worker.hull import Hull, build_hull
 from worker.hulls import HullSource, described, other_hulls
 from worker.levels import HullLevel, build_levels, hull_levels, level_sizes
-from worker.load import load_mesh
+from worker.load import LoadedMesh, load_mesh
 from worker.side_by_side import run_side_by_side
 from worker.tree import Tree, build_tree
 from worker.verify import check_edges, check_surface, verify_artifacts
@@ -145,7 +145,11 @@ class Inputs:
 def load(inputs: Inputs) -> Result:
     """The upload, cleaned and indexed."""
     accepted = inputs.accepted
-    mesh = load_mesh(inputs.upload(), accepted.extension, accepted.options, progress=inputs.progress)
+    return loaded(load_mesh(inputs.upload(), accepted.extension, accepted.options, progress=inputs.progress))
+
+
+def loaded(mesh: LoadedMesh) -> Result:
+    """What to keep of a mesh that has been read."""
     tensors: Tensors = {"positions": mesh.positions, "faces": mesh.faces, **mesh.shading.tensors()}
     if mesh.edges is not None:
         tensors |= {"edge_vertices": mesh.edges.vertices, "edge_faces": mesh.edges.faces}

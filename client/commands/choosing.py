@@ -20,6 +20,10 @@ Url = Annotated[str, typer.Option("--url", envvar="SILHOUETTE_URL", help="Addres
 MeshArgument = Annotated[
     str, typer.Argument(metavar="ID|FILE", help="A mesh id, the beginning of one, or a file, which is uploaded first.")
 ]
+Once = Annotated[
+    bool,
+    typer.Option("--once", help="Draw a file that the service does not keep: nothing is prepared for the next time."),
+]
 IdArgument = Annotated[str, typer.Argument(metavar="ID", help="A mesh id or the beginning of one.")]
 
 
@@ -28,6 +32,15 @@ def chosen(url: str, mesh: str) -> Iterator[tuple[Client, str]]:
     """A client of the service at `url` and the id that `mesh` means there. Raises ValueError when it means none."""
     with Client(url) as client:
         yield client, mesh_id(client, mesh)
+
+
+@contextmanager
+def unkept(url: str, mesh: str) -> Iterator[tuple[Client, Path]]:
+    """A client of the service at `url` and the file that is to be drawn once. Raises ValueError when there is none."""
+    if not Path(mesh).is_file():
+        raise ValueError(f"--once draws a file, and {mesh} is none")
+    with Client(url) as client:
+        yield client, Path(mesh)
 
 
 def mesh_id(client: Client, mesh: str) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from client.api import DEFAULT_URL
-from client.commands.choosing import MeshArgument, Url, chosen
+from client.commands.choosing import MeshArgument, Once, Url, chosen, unkept
 from client.commands.console import write
 from client.commands.viewing import Azimuth, Elevation, Eye, Fov, MaxError, Size, Smooth, Target, by_suffix, camera_of, sides_of
 from schemas.render import Antialias, ImageFormat, ShadingMode, Source
@@ -44,6 +44,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     level: Annotated[int | None, typer.Option(help="Level that the outline is taken from, finest first; -1 is the mesh.")] = None,
     hull_faces: Annotated[int | None, typer.Option(help="Draw the hull of the nearest size.")] = None,
     texels: Annotated[int | None, typer.Option(help="Draw with maps of at most so many texels a side.")] = None,
+    once: Once = False,
     url: Url = DEFAULT_URL,
 ) -> None:
     """Render a picture of a mesh.
@@ -51,6 +52,8 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     `silhouette render bunny.ply -o bunny.png --azimuth 40 --size 800x600`
 
     `silhouette render bunny.ply -o quick.png --budget 3` or `--max-error 0.5`; `silhouette accuracy bunny.ply` says what there is.
+
+    `silhouette render part.stl -o part.png --once` keeps nothing of it.
 
     `silhouette render 3f2a91 -o - --eye 0,0,3 --background "#ffffff" | display`
     """
@@ -74,8 +77,12 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         },
         "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
     }
-    with chosen(url, mesh) as (client, mesh_id):
-        picture = client.picture(mesh_id, **fields)
+    if once:
+        with unkept(url, mesh) as (client, path):
+            picture = client.picture_once(path, **fields)
+    else:
+        with chosen(url, mesh) as (client, mesh_id):
+            picture = client.picture(mesh_id, **fields)
     write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
 
 
@@ -90,6 +97,7 @@ def silhouette(  # noqa: PLR0913 - as above
     *,
     smooth: Smooth = False,
     max_error: MaxError = None,
+    once: Once = False,
     url: Url = DEFAULT_URL,
 ) -> None:
     """Write the silhouette of a mesh as a drawing (SVG) or as edges and closed contours (JSON).
@@ -101,7 +109,16 @@ def silhouette(  # noqa: PLR0913 - as above
     width, height = sides_of(size)
     form = by_suffix(output, SILHOUETTE_SUFFIXES, "json")
     image = {"width": width, "height": height}
-    fields = {"camera": camera_of(azimuth, elevation, eye, target, 45.0), "project": image, "smooth": smooth, "max_error_px": max_error}
-    with chosen(url, mesh) as (client, mesh_id):
-        body = client.silhouette_document(mesh_id, form, **fields)
+    fields: dict[str, Any] = {
+        "camera": camera_of(azimuth, elevation, eye, target, 45.0),
+        "project": image,
+        "smooth": smooth,
+        "max_error_px": max_error,
+    }
+    if once:
+        with unkept(url, mesh) as (client, path):
+            body = client.silhouette_once(path, form, **fields)
+    else:
+        with chosen(url, mesh) as (client, mesh_id):
+            body = client.silhouette_document(mesh_id, form, **fields)
     write(output, body, f"{len(body) / 1024:.1f} KiB")

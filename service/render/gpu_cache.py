@@ -92,6 +92,11 @@ class GpuCache:
             self._kept.popitem(last=False)[1].release()
         return self._kept[key]
 
+    def drop(self, asset_id: str) -> None:
+        """Delete what there is of one asset."""
+        for key in [key for key in self._kept if key[0] == asset_id]:
+            self._kept.pop(key).release()
+
     def release(self) -> None:
         """Delete everything."""
         while self._kept:

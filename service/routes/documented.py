@@ -105,6 +105,18 @@ def _form_schema() -> dict[str, Any]:
     return {"type": "object", "required": ["file"], "properties": {"file": {"type": "string", "format": "binary"}, **fields}}
 
 
+def once_body(request: type[BaseModel]) -> dict[str, Any]:
+    """OpenAPI body of a route that takes a mesh and a request for one answer."""
+    described = {"type": "string", "description": f"JSON of {request.__name__}", "contentMediaType": "application/json"}
+    form = {
+        "type": "object",
+        "required": ["file"],
+        "properties": {"file": {"type": "string", "format": "binary"}, "request": described, "repair": {"enum": ["auto", "never"]}},
+    }
+    raw = {"schema": {"type": "string", "format": "binary"}}
+    return {"requestBody": {"required": True, "content": {RAW_FORMAT: raw, "multipart/form-data": {"schema": form}}}}
+
+
 UPLOAD_BODY: dict[str, Any] = {
     "parameters": _option_parameters(),
     "requestBody": {

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request, Response
 from schemas.errors import NotFoundError
 from schemas.manifest import Manifest
 from schemas.render import ProjectTo, Silhouette, SilhouetteRequest
+from service.assets import MeshAsset
 from service.caching import REVALIDATE, entity_tag, not_modified
 from service.negotiation import choose
 from service.routes.documented import problems, silhouette_answer
@@ -65,7 +66,11 @@ async def _document(mesh_id: str, wanted: SilhouetteRequest, media: str, request
 
 def _make(parts: Services, manifest: Manifest, wanted: SilhouetteRequest, media: str) -> tuple[bytes, list[tuple[str, float]], str]:
     """The document, what each step took, and how exact it is; no GL."""
-    asset = parts.assets.get(manifest)
+    return document_of(parts.assets.get(manifest), wanted, media)
+
+
+def document_of(asset: MeshAsset, wanted: SilhouetteRequest, media: str) -> tuple[bytes, list[tuple[str, float]], str]:
+    """The document of a mesh, what each step took, and how exact it is."""
     clock = Stopwatch()
     described = describe_silhouette(asset, wanted)
     extract_ms = clock.ms()

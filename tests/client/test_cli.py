@@ -59,6 +59,20 @@ def test_silhouette_as_drawing_and_as_data(service, knot, tmp_path):
     assert json.loads(data.stdout)["edge_count"] > 10
 
 
+def test_render_and_silhouette_of_a_file_that_is_not_kept(service, client, tmp_path, knot_file):
+    known = {mesh.id for mesh in client.list()}
+    run = silhouette("render", knot_file, "-o", tmp_path / "k.png", "--size", "60x40", "--once", url=service.url)
+    assert run.returncode == 0, run.stderr
+    with Image.open(tmp_path / "k.png") as image:
+        assert image.size == (60, 40)
+    drawn = silhouette("silhouette", knot_file, "-o", tmp_path / "k.svg", "--once", url=service.url)
+    assert drawn.returncode == 0, drawn.stderr
+    assert "<svg" in (tmp_path / "k.svg").read_text()[:300]
+    assert {mesh.id for mesh in client.list()} == known
+    refused = silhouette("render", "3f2a91", "-o", tmp_path / "k.png", "--once", url=service.url)
+    assert refused.returncode != 0 and "is none" in refused.stderr
+
+
 def test_list_and_info_as_json_and_as_table(service, knot):
     assert knot.id in [mesh["id"] for mesh in json.loads(silhouette("list", "--json", url=service.url).stdout)]
     assert json.loads(silhouette("info", knot.id, "--json", url=service.url).stdout)["stats"]["faces"] == 5120

@@ -138,7 +138,7 @@ def test_a_mesh_that_is_not_closed_is_ready_but_not_clippable(running):
 @pytest.mark.parametrize("data", [b"ply\nthis is not one", b"<html></html>", b"\0" * 1000])
 def test_bytes_that_are_no_mesh_fail_with_their_problem_and_the_workers_live_on(running, data):
     backend, queue = running
-    pids = wait_for(lambda: len(backend.pids()) == 3 and backend.pids())
+    pids = wait_for(lambda: len(backend.pids()) == 4 and backend.pids())
     mesh_id, manifest = process(queue, data)
     assert manifest.status == "failed"
     assert manifest.error.status == 422
