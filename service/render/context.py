@@ -30,6 +30,9 @@ FEWEST_TRIED, MOST_TRIED, TRIED_NS = 1 << 10, 1 << 24, 4_000_000
 STENCIL_CENTRE = 128
 """Cleared stencil value: the winding number zero, with room for negative ones below it."""
 
+SPARE_UNIT = 15
+"""Texture unit that no pass reads from: textures are made there, whatever a pass has bound already."""
+
 _STENCIL_TEST = 0x0B90
 _DEPTH_CLAMP = 0x864F
 _STENCIL_BUFFER_BIT = 0x0400
@@ -229,7 +232,7 @@ class GlContext:
         name = _U()
         self._gl["glGenTextures"](1, ctypes.byref(name))
         kind = _TEXTURE_2D_MULTISAMPLE if samples else _TEXTURE_2D
-        self._gl["glActiveTexture"](_TEXTURE0)
+        self._gl["glActiveTexture"](_TEXTURE0 + SPARE_UNIT)
         self._gl["glBindTexture"](kind, name)
         if samples:
             self._gl["glTexImage2DMultisample"](kind, samples, _DEPTH24_STENCIL8, *size, 1)

@@ -22,7 +22,7 @@ from service.kernels.edge_mesh import edge_angles, edges_of_any, opposite_vertic
 from service.render.context import GlContext
 
 COLUMNS = 4096
-"""Texels a row of the texture of angles."""
+"""Most texels in a row of the texture of angles."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class EdgeMesh:
         """The edge mesh of an asset."""
         edges = find_edges(asset.positions, asset.faces, asset.edges)
         rows = max(1, -(-len(edges.angles) // COLUMNS))
-        columns = max(1, min(COLUMNS, len(edges.angles)))
+        columns = max(1, -(-len(edges.angles) // rows))
         padded = np.zeros(rows * columns, "<f4")
         padded[: len(edges.angles)] = edges.angles
         return cls(

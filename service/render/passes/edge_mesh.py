@@ -72,6 +72,28 @@ def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
         _draw_translucent(frame, mesh, program, styles)
 
 
+def reach_px(lines: Lines, view: View) -> float:
+    """How far lines may be beyond the mesh in the image, pixels."""
+    styles = (lines.silhouette, lines.boundary, lines.ridge, lines.valley)
+    widest = max([0.0, *(max(style.width, LEAST_WIDTH) for style in styles if style is not None)])
+    return 0.5 * widest * _most_widened(lines, view)
+
+
+def _most_widened(lines: Lines, view: View) -> float:
+    """What the nearest lines are wider by than is asked for."""
+    return min(WIDEST, max(1.0, _width_at(view) / view.near)) if _follows(lines, view) else 1.0
+
+
+def _follows(lines: Lines, view: View) -> bool:
+    """Whether widths follow the distance."""
+    return lines.scale == "distance" and not view.orthographic
+
+
+def _width_at(view: View) -> float:
+    """Clip w of the middle of the mesh, where widths are those that are asked for."""
+    return max(float(view.matrix[3, 3]), view.near)
+
+
 def _draw_opaque(frame: FrameState, mesh: EdgeMesh, program: moderngl.Program, styles: Styles) -> None:
     """All kinds at once, in the bytes of their colours."""
     gpu = frame.gpu
@@ -128,7 +150,7 @@ def _color(style: LineStyle | None, *, linear: bool) -> tuple[float, ...]:
 
 def _program(frame: FrameState, mesh: EdgeMesh, lines: Lines, styles: Styles) -> moderngl.Program:
     """The variant that does what the lines, the mesh and the target need."""
-    definitions = set()
+    definitions = {"BORDERS"} if mesh.borders else set()
     if frame.plan.closed:
         definitions.add("BACKS_HIDDEN")
     elif lines.orientation == "any":
@@ -145,15 +167,14 @@ def _geometry(frame: FrameState, lines: Lines, styles: Styles) -> dict[str, Any]
     view, scale = frame.view, frame.scale
     size = frame.tile.width * scale, frame.tile.height * scale
     half_widths = [0.0 if style is None else 0.5 * max(style.width * scale, LEAST_WIDTH) for style in styles]
-    follows = lines.scale == "distance" and not view.orthographic
-    beyond = max(half_widths) * (WIDEST if follows else 1.0) + 1.0
+    beyond = max(half_widths) * _most_widened(lines, view) + 1.0
     return {
         "eye": _eye(frame),
         "size": (float(size[0]), float(size[1])),
         "reach": (1.0 + 2.0 * beyond / size[0], 1.0 + 2.0 * beyond / size[1]),
         "half_widths": tuple(half_widths),
         "least_half_width": 0.5 * LEAST_WIDTH,
-        "width_at": max(float(view.matrix[3, 3]), view.near) if follows else 0.0,
+        "width_at": _width_at(view) if _follows(lines, view) else 0.0,
         "widest": WIDEST,
         "least_w": 0.5 if view.orthographic else NEAREST_PART * view.near,
         "pixel_depth": _pixel_depth(view) / scale,

@@ -7,13 +7,12 @@
 //         \|/
 //          a = 1                    left face a, b, 0; right face b, a, 3; at a border 3 is 1
 //
-// Definitions: BACKS_HIDDEN (no back face can be seen), EITHER_SIDE (convex and concave are as seen from the eye, whatever side of the
+// Definitions: BORDERS (some edges have one face), BACKS_HIDDEN (no back face can be seen), EITHER_SIDE (convex and concave are as seen from the eye, whatever side of the
 // surface that is on), CREASES (ridges or valleys are wanted), MOVED (angles are those of the positions, not the given ones).
 layout(lines_adjacency) in;
 layout(triangle_strip, max_vertices = 4) out;
 
-uniform vec3 middle;
-uniform vec3 middle_rest;
+//! include placed.part.glsl
 uniform vec4 eye;           // less the middle, scaled; w is 0 for a direction
 uniform vec2 size;          // target pixels
 uniform vec2 reach;         // how far beyond the target lines are not cut off, 1 at its border
@@ -34,7 +33,9 @@ uniform sampler2D angles;
 #endif
 
 in vec3 position[];
+#ifdef BORDERS
 flat in int vertex[];
+#endif
 flat out vec4 ends;   // target pixels: x, y of a; x, y of b
 flat out vec4 shape;  // half widths at a and b, window depths of a and b
 flat out vec2 style;  // depth by which a surface before the edge does not hide it; kind
@@ -75,7 +76,9 @@ float angle_deg(vec3 along, vec3 left, vec3 right) {
 // the kind of line that the edge is, -1 for none
 int kind_of(vec3 along, vec3 left, vec3 right, out bool concave) {
     concave = false;
+#ifdef BORDERS
     if (vertex[3] == vertex[1]) return BOUNDARY;
+#endif
     vec3 to_eye = eye.xyz - eye.w * ((position[1] - middle) - middle_rest);
     vec3 across = cross(along, to_eye);
     bool left_front = dot(left, across) <= 0.0, right_front = dot(right, across) >= 0.0;
@@ -130,7 +133,7 @@ void main() {
     int kind = kind_of(along, left, right, concave);
     if (kind < 0 || half_widths[kind] <= 0.0 || (only >= 0 && kind != only)) return;
 
-    vec4 a = gl_in[1].gl_Position, b = gl_in[2].gl_Position;
+    vec4 a = placed(position[1]), b = placed(position[2]);
     vec2 part = part_in_view(a, b);
     if (part.x > part.y) return;
     vec4 first = mix(a, b, part.x), last = mix(a, b, part.y);
@@ -141,7 +144,7 @@ void main() {
     float bias = pixels_of_depth(first, last);
     if (concave) {
         // where a pixel's centre is not on the edge, the surface is nearer than the edge by no more than this
-        float steeper = max(slope(p, q, in_window(gl_in[0].gl_Position)), slope(p, q, in_window(gl_in[3].gl_Position)));
+        float steeper = max(slope(p, q, in_window(placed(position[0]))), slope(p, q, in_window(placed(position[3]))));
         bias += min(0.75 * steeper, STEEPEST * bias);
     }
     ends = vec4(p.xy, q.xy);
