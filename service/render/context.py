@@ -154,6 +154,11 @@ class GlContext:
             return self.ctx.texture(size, channels, data, alignment=1, dtype=dtype)
         return self.ctx.texture(size, channels, data, alignment=1, internal_format=internal_format)
 
+    def fill_texture(self, texture: moderngl.Texture, data: npt.NDArray[Any]) -> None:
+        """Give a texture other contents, of the same size and type."""
+        self._uploaded += data.nbytes
+        texture.write(data.tobytes())
+
     def timed(self) -> moderngl.Query:
         """A query that times what the GL does inside a `with` block; its `elapsed` (ns) waits."""
         return self.ctx.query(time=True)

@@ -2,10 +2,10 @@
 
 Based on: Fast Silhouettes, "Algorithm Overview" and the last paragraph of "Rendering Implementation" (models that deform).
 Departures: the article has four vertices an edge, each with a copy of a position and of both faces' normals (160 bytes an edge and its
-indices beside). Here an edge is the numbers of its two ends and of the two vertices opposite to it, from which a geometry shader
-takes both normals: 16 bytes an edge and 4 for its angle, positions once a vertex. So the mesh deforms by giving new positions,
-and only edges that are lines become triangles. The article's flag for ridges and valleys is the angle itself: thresholds may differ from
-picture to picture.
+indices beside). Here an edge is the numbers of its two ends and of the two vertices opposite to it, whose positions a vertex shader looks
+up to know both normals: 20 bytes an edge with its angle, and 16 a vertex. So the mesh deforms by giving new positions, and
+a geometry shader makes triangles only of edges that are lines. The article's flag for ridges and valleys is the angle itself:
+thresholds may differ from picture to picture.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from service.assets import MeshAsset
 from service.kernels.edge_mesh import edge_angles, edges_of_any, opposite_vertices
 from service.render.context import GlContext
 
-COLUMNS = 4096
-"""Most texels in a row of the texture of angles."""
+COLUMNS = 2048
+"""Texels in a row of the texture of positions, as `shaders/edge_mesh_positions.part.glsl` has it."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,8 @@ class EdgeMesh:
     count: int
     vertex_count: int
     borders: bool
-    positions: moderngl.Buffer
-    indices: moderngl.Buffer
-    angles: moderngl.Texture
+    rows: moderngl.Buffer
+    positions: moderngl.Texture
     moved: bool = False
     arrays: dict[moderngl.Program, moderngl.VertexArray] = field(default_factory=dict)
 
@@ -70,24 +69,22 @@ class EdgeMesh:
     def of(cls, gl: GlContext, asset: MeshAsset) -> EdgeMesh:
         """The edge mesh of an asset."""
         edges = find_edges(asset.positions, asset.faces, asset.edges)
-        rows = max(1, -(-len(edges.angles) // COLUMNS))
-        columns = max(1, -(-len(edges.angles) // rows))
-        padded = np.zeros(rows * columns, "<f4")
-        padded[: len(edges.angles)] = edges.angles
+        rows = np.empty(len(edges.vertices), [("edge", "<i4", 4), ("angle", "<f4")])
+        rows["edge"], rows["angle"] = edges.vertices, edges.angles
+        texels = _texels(asset.positions)
         return cls(
             gl,
-            len(edges.vertices),
+            len(rows),
             len(asset.positions),
             bool(np.any(edges.vertices[:, 1] == edges.vertices[:, 3])),
-            gl.buffer(np.ascontiguousarray(asset.positions, "<f4").tobytes()),
-            gl.buffer(np.ascontiguousarray(edges.vertices, "<i4").tobytes()),
-            gl.texture((columns, rows), 1, padded.tobytes(), dtype="f4"),
+            gl.buffer(rows.tobytes() or bytes(rows.itemsize)),
+            gl.texture((COLUMNS, texels.shape[0]), 4, texels.tobytes(), dtype="f4"),
         )
 
     @property
     def nbytes(self) -> int:
         """Bytes that the GL holds of it."""
-        return int(self.positions.size + self.indices.size) + 4 * self.angles.width * self.angles.height
+        return int(self.rows.size) + 16 * self.positions.width * self.positions.height
 
     def move(self, positions: Array) -> None:
         """Deform the mesh: normals and angles follow in the GL. positions: (v, 3) f4 in the normalised frame, in the order of the mesh's.
@@ -96,19 +93,27 @@ class EdgeMesh:
         """
         if positions.shape != (self.vertex_count, 3):
             raise ValueError(f"an edge mesh of {self.vertex_count} vertices cannot be moved to positions {positions.shape}")
-        self.gl.fill(self.positions, np.ascontiguousarray(positions, "<f4"))
+        self.gl.fill_texture(self.positions, _texels(positions))
         self.moved = True
 
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """The edges as input of a program, lines with adjacency."""
+        """The edges as input of a program, one point each."""
         if program not in self.arrays:
-            self.arrays[program] = self.gl.ctx.vertex_array(program, [(self.positions, "3f", "in_position")], self.indices)
+            angles = "in_angle" in program
+            names = ["in_edge", "in_angle"] if angles else ["in_edge"]
+            self.arrays[program] = self.gl.ctx.vertex_array(program, [(self.rows, "4i 1f" if angles else "4i 4x", *names)])
         return self.arrays[program]
 
     def release(self) -> None:
         """Delete everything in it."""
         for array in self.arrays.values():
             array.release()
+        self.rows.release()
         self.positions.release()
-        self.indices.release()
-        self.angles.release()
+
+
+def _texels(positions: Array) -> F4:
+    """(rows, COLUMNS, 4) f4: positions (v, 3), padded."""
+    texels = np.zeros((-(-len(positions) // COLUMNS) or 1, COLUMNS, 4), "<f4")
+    texels.reshape(-1, 4)[: len(positions), :3] = positions
+    return texels

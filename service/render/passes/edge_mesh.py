@@ -25,7 +25,6 @@ from service.camera import View
 from service.render.edge_mesh import EdgeMesh
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
-LINES_ADJACENCY = 0x000A
 NEAREST_PART = 1e-3
 """Parts of an edge that are nearer than this part of the view's near depth are cut off."""
 WIDEST = 8.0
@@ -56,9 +55,9 @@ def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
         return
     gpu, target = frame.gpu, frame.target
     program = _program(frame, mesh, lines, styles)
-    gpu.programs.set(program, **frame.placement(), **_geometry(frame, lines, styles), depth=0, angles=1)
+    gpu.programs.set(program, **frame.placement(), **_geometry(frame, lines, styles), depth=0, positions=1)
     gpu.gl.use_depth_texture(target.depth_stencil, target.samples, 0)
-    mesh.angles.use(1)
+    mesh.positions.use(1)
     framebuffer = gpu.targets.over(target)
     framebuffer.viewport = (0, 0, frame.tile.width * frame.scale, frame.tile.height * frame.scale)
     _write(framebuffer, color=False, alpha=False, depth=True)
@@ -100,7 +99,7 @@ def _draw_opaque(frame: FrameState, mesh: EdgeMesh, program: moderngl.Program, s
     gpu.programs.set(program, only=-1, colors=[_color(style, linear=False) for style in styles])
     _write(gpu.ctx.fbo, color=True, alpha=True, depth=True)
     gpu.ctx.enable_only(moderngl.DEPTH_TEST)
-    gpu.gl.draw(mesh.array(program), LINES_ADJACENCY)
+    gpu.gl.draw(mesh.array(program), moderngl.POINTS, vertices=mesh.count)
 
 
 def _draw_translucent(frame: FrameState, mesh: EdgeMesh, program: moderngl.Program, styles: Styles) -> None:
@@ -122,10 +121,10 @@ def _draw_translucent(frame: FrameState, mesh: EdgeMesh, program: moderngl.Progr
         if straight:
             _write(framebuffer, color=True, alpha=False, depth=False)
             context.blend_func = moderngl.ONE_MINUS_DST_ALPHA, moderngl.DST_ALPHA
-            gpu.gl.draw(mesh.array(program), LINES_ADJACENCY)
+            gpu.gl.draw(mesh.array(program), moderngl.POINTS, vertices=mesh.count)
         _write(framebuffer, color=True, alpha=True, depth=True)
         context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
-        gpu.gl.draw(mesh.array(program), LINES_ADJACENCY)
+        gpu.gl.draw(mesh.array(program), moderngl.POINTS, vertices=mesh.count)
     gpu.gl.blend_in_linear_light(False)
 
 

@@ -126,7 +126,7 @@ def test_third_sheet_at_an_edge_ends_there():
 
 @pytest.mark.parametrize("name", ["torus", "sheet"])
 def test_edges_take_less_than_forty_bytes_a_face(gpu, name):
-    asset = asset_of({"torus": lambda: meshes.torus(64, 32), "sheet": lambda: meshes.sheet(40)}[name](), f"sized {name}")
+    asset = asset_of({"torus": lambda: meshes.torus(64, 32), "sheet": lambda: meshes.sheet(62)}[name](), f"sized {name}")
     mesh = gpu.cache.edge_mesh(asset)
     assert mesh.nbytes < 40 * len(asset.faces)
     assert gpu.cache.edge_mesh(asset) is mesh
