@@ -19,6 +19,8 @@ from numba import njit
 
 from geometry.predicates import orient_sign
 
+MOST_AROUND = 64
+"""Faces around one line that are put in order: it takes the square of their number."""
 LEAST_ANGLE = np.float32(1e-30)
 """Degrees: kept instead of a zero where the exact sign says that the edge is not flat."""
 
@@ -91,31 +93,45 @@ def edge_angles(positions, edges):
 
 
 @njit(cache=True)
-def _turn(positions, a, b, o, basis):
-    """Angle of the vertex o about the line a -> b, radians. basis (3, 3) f8: the line's direction, then where 0 and pi / 2 are."""
-    x = y = 0.0
-    for k in range(3):
-        d = np.float64(positions[o, k]) - np.float64(positions[a, k])
-        x += d * basis[1, k]
-        y += d * basis[2, k]
-    return math.atan2(y, x)
+def _side(positions, a, b, o, q):
+    """1 when the vertex q is less than half a turn after o around a -> b, -1 when before, 0 in the same plane; exact."""
+    p = positions[q]
+    return orient_sign(positions[a], positions[b], positions[o], np.float64(p[0]), np.float64(p[1]), np.float64(p[2]), 1.0)
 
 
 @njit(cache=True)
-def _basis_about(positions, a, b, basis):
-    """Directions along and across the line a -> b into basis (3, 3) f8; only their ratio of lengths matters across."""
+def _is_opposite(positions, a, b, o, q):
+    """Whether q, in the plane of a, b and o, is on the other side of the line from o; float64 is sure of that but for needles."""
+    along, to_o, to_q, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(3):
-        basis[0, k] = np.float64(positions[b, k]) - np.float64(positions[a, k])
-    length = max(math.sqrt(_dot(basis[0], basis[0])), 1e-300)
-    least = 0
-    for k in range(3):
-        basis[0, k] /= length
-        if abs(basis[0, k]) < abs(basis[0, least]):
-            least = k
-    axis = np.zeros(3)
-    axis[least] = 1.0
-    _cross(basis[0], axis, basis[1])
-    _cross(basis[0], basis[1], basis[2])
+        start = np.float64(positions[a, k])
+        along[k] = np.float64(positions[b, k]) - start
+        to_o[k] = np.float64(positions[o, k]) - start
+        to_q[k] = np.float64(positions[q, k]) - start
+    _cross(along, to_o, n)
+    _cross(along, to_q, m)
+    return _dot(n, m) < 0.0
+
+
+@njit(cache=True)
+def _order_around(positions, a, b, opposite):
+    """(n,) i8: the vertices opposite (n,) to a line in their order around a -> b, the first one first."""
+    n = opposite.shape[0]
+    order, quarters = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    for i in range(1, n):
+        side = _side(positions, a, b, opposite[0], opposite[i])
+        quarter = 2 - side  # 0 at the first, 1 in the half turn after it, 2 opposite, 3 in the half turn before it
+        if side == 0 and not _is_opposite(positions, a, b, opposite[0], opposite[i]):
+            quarter = 0
+        j = i
+        while j > 0 and (
+            quarter < quarters[j - 1]
+            or (quarter == quarters[j - 1] and quarter % 2 == 1 and _side(positions, a, b, opposite[i], opposite[order[j - 1]]) > 0)
+        ):
+            order[j], quarters[j] = order[j - 1], quarters[j - 1]
+            j -= 1
+        order[j], quarters[j] = i, quarter
+    return order
 
 
 @njit(cache=True)
@@ -125,25 +141,22 @@ def _put(out, count, o, a, b, q):
 
 
 @njit(cache=True)
-def _pair_around(positions, half, opposite, run, out, count, basis):
+def _pair_around(positions, half, opposite, run, out, count):
     """Edges of one line a -> b that more than two faces have, into out from `count`; the new count.
 
     Faces in their order around the line: one that has it as a -> b has the solid before it, so it goes with the one before, if that has
-    it as b -> a. What finds no partner is a border.
+    it as b -> a. What finds no partner is a border; so are all faces of a line that has more than MOST_AROUND.
     """
     n = run.shape[0]
     a, b = min(half[run[0], 0], half[run[0], 1]), max(half[run[0], 0], half[run[0], 1])
-    _basis_about(positions, a, b, basis)
-    turns = np.empty(n)
-    for i in range(n):
-        turns[i] = _turn(positions, a, b, opposite[run[i]], basis)
-    order = np.argsort(turns)
     taken = np.zeros(n, np.bool_)
-    for i in range(n):
-        here, before = order[i], order[i - 1]
-        if half[run[here], 0] == a and half[run[before], 0] == b and not taken[before]:
-            taken[here] = taken[before] = True
-            count = _put(out, count, opposite[run[here]], a, b, opposite[run[before]])
+    if n <= MOST_AROUND:
+        order = _order_around(positions, a, b, opposite[run])
+        for i in range(n):
+            here, before = order[i], order[i - 1]
+            if half[run[here], 0] == a and half[run[before], 0] == b:
+                taken[here] = taken[before] = True
+                count = _put(out, count, opposite[run[here]], a, b, opposite[run[before]])
     for i in range(n):
         if not taken[i]:
             h = run[i]
@@ -161,7 +174,6 @@ def edges_of_any(positions, half, opposite, key, order):
     same for the same two ends; order (3 f,) i8: by key.
     """
     out = np.empty((half.shape[0], 4), np.int32)
-    basis = np.empty((3, 3))
     count = start = 0
     while start < order.shape[0]:
         end = start + 1
@@ -174,6 +186,6 @@ def edges_of_any(positions, half, opposite, key, order):
         elif end - start == 2:
             count = _put(out, count, opposite[first], a, b, opposite[order[start + 1]])
         else:
-            count = _pair_around(positions, half, opposite, order[start:end], out, count, basis)
+            count = _pair_around(positions, half, opposite, order[start:end], out, count)
         start = end
     return out[:count].copy()

@@ -116,6 +116,19 @@ def test_edge_where_two_cubes_meet_is_a_ridge_of_each():
         assert np.all(x + y < 2.0 - 1e-5) or np.all(x + y > 2.0 + 1e-5)
 
 
+def test_faces_around_an_edge_are_in_their_exact_order():
+    rng = np.random.default_rng(0)
+    for count in (3, 4, 6, 10):
+        turns = np.sort(rng.uniform(0.0, 2.0 * np.pi, 2 * count)) + rng.uniform(0.0, 6.0)
+        fan = np.column_stack([np.cos(turns), np.sin(turns), rng.uniform(-1.0, 1.0, 2 * count)])
+        positions = np.concatenate([[[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], fan]).astype(np.float32)
+        # wedge i of the solid lies between the faces 2 i and 2 i + 1 of the fan
+        faces = [[1, 0, 2 + i] if i % 2 == 0 else [0, 1, 2 + i] for i in rng.permutation(2 * count)]
+        edges = find_edges(positions, np.array(faces, np.int32), None).vertices
+        pairs = {(min(o, q) - 2, max(o, q) - 2) for o, a, b, q in edges.tolist() if {a, b} == {0, 1}}
+        assert pairs == {(2 * i, 2 * i + 1) for i in range(count)}
+
+
 def test_third_sheet_at_an_edge_ends_there():
     positions = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0]], np.float32)
     faces = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]], np.int32)

@@ -8,6 +8,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from schemas.render import Shading
 from service.camera import project, to_pixels
+from service.render.edge_mesh import find_edges
 from tests import meshes
 from tests.service.oracles import silhouette
 from tests.service.render.conftest import VIEWS
@@ -34,7 +35,11 @@ def around_origin(mesh):
 
 def silhouette_points(asset, view, step=0.7):
     """Points of the exact silhouette that lie in the picture, in space and in pixels, and the edge of each."""
-    ends = silhouette(asset.positions, asset.faces, view.eye)
+    return points_in_picture(asset, view, silhouette(asset.positions, asset.faces, view.eye), step)
+
+
+def points_in_picture(asset, view, ends, step):
+    """The same of edges (e, 2)."""
     points, edge, _ = along_edges(view, asset.positions, ends, step)
     pixels = to_pixels(view, project(view, points))
     inside = np.all((pixels > 0.0) & (pixels < [view.width, view.height]), axis=1)
@@ -65,6 +70,24 @@ def test_silhouette_pixels_are_those_of_the_exact_silhouette(draw_lines, name, v
     to_ink = distance_transform_edt(~ink)
     missed = to_ink[tuple(np.floor(pixels[certain]).astype(int).T[::-1])] > 1.0
     assert missed.mean() <= 0.005
+
+
+@pytest.mark.parametrize("kind", ["ridge", "valley"])
+@pytest.mark.parametrize(("name", "view"), [("blocks", "orbit"), ("blocks", "close"), ("bumpy", "orbit"), ("bumpy", "orthographic")])
+def test_creases_are_drawn_where_they_are_seen_and_nowhere_else(draw_lines, name, view, kind):
+    asset = asset_of(SHAPES[name](), name)
+    lined = draw_lines(asset, {kind: {"width": 1.5}, "silhouette": None, f"{kind}_deg": 20.0}, camera=VIEWS[view])
+    ink = inked(lined.pixels)
+    edges = find_edges(asset.positions, asset.faces, asset.edges)
+    folded = edges.angles > 20.0 if kind == "ridge" else edges.angles < -20.0
+    points, pixels, _ = points_in_picture(asset, lined.view, edges.vertices[folded, 1:3], 0.7)
+    seen = ~hidden(lined.view, asset.positions, asset.faces, points)
+    maybe = seen.copy()
+    for shift in NEIGHBOURS:
+        maybe[~maybe] = ~hidden(lined.view, asset.positions, asset.faces, points[~maybe], shift)
+    assert seen.sum() > 30
+    assert (distances_to(pixels[maybe], ink.shape)[ink] <= 0.75 + 1.0).mean() >= 0.995
+    assert (distance_transform_edt(~ink)[tuple(np.floor(pixels[seen]).astype(int).T[::-1])] <= 1.0).mean() >= 0.995
 
 
 @pytest.mark.parametrize("width", [1.0, 2.5, 6.0])
