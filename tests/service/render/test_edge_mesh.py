@@ -8,8 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from geometry.predicates import front_facing
 from geometry.topology import face_normals
 from service.render.edge_mesh import EdgeMesh, find_edges
+from service.render.programs import shader_source
 from tests import meshes
 from tests.service.render.lined import asset_of, drawn_with_lines, inked
 
@@ -180,3 +182,56 @@ def test_mesh_is_not_moved_to_fewer_vertices(gpu):
     with pytest.raises(ValueError, match="8 vertices"):
         mesh.move(np.zeros((7, 3), np.float32))
     mesh.release()
+
+
+NEAR_SURFACE = [[0.0, 0.0, 1.0005, 1.0], [0.7, 0.7, 0.3, 1.0], [1.2, 0.1, 0.0, 1.0], [3e5, -2e5, 1e6, 1.0], [0.3, 0.1, 0.2, 1.0]]
+
+
+@pytest.mark.parametrize("backs_hidden", [False, True])
+@pytest.mark.parametrize("name", ["bumpy", "torus", "L", "sheet"])
+def test_kinds_in_the_shader_are_those_of_the_exact_rule(gpu, name, backs_hidden):
+    asset = asset_of(SHAPES[name](), name)
+    mesh = EdgeMesh.of(gpu.gl, asset)
+    edges = find_edges(asset.positions, asset.faces, asset.edges)
+    definitions = {"CREASES"} | ({"BORDERS"} if mesh.borders else set()) | ({"BACKS_HIDDEN"} if backs_hidden else set())
+    program = gpu.ctx.program(vertex_shader=shader_source("edge_mesh.vert.glsl", definitions), varyings=["kind"])
+    mesh.positions.use(1)
+    gpu.programs.set(program, positions=1, only=-1, half_widths=(1.0, 1.0, 1.0, 1.0), ridge_deg=25.0, valley_deg=15.0)
+    out = gpu.ctx.buffer(reserve=4 * mesh.count)
+    for eye in [*meshes.eyes(12, nearest=1.05, farthest=4.0, orthographic=4), *np.array(NEAR_SURFACE)]:
+        middle, rest, seen_from = as_the_shader_takes_it(eye)
+        gpu.programs.set(program, middle=middle, middle_rest=rest, eye=seen_from)
+        mesh.array(program).transform(out, gpu.ctx.POINTS, mesh.count)
+        got = np.frombuffer(out.read(), np.int32)
+        expected, doubtful = slow_kinds(asset.positions, edges, eye, backs_hidden)
+        assert np.array_equal(got[~doubtful], expected[~doubtful])
+        assert doubtful.mean() < 0.02 or name in ("L", "sheet")
+    for one in (mesh, out, program):
+        one.release()
+
+
+def as_the_shader_takes_it(eye):
+    """(middle, rest of it, eye less the middle), each as a tuple: of an eye (4,)."""
+    near = eye[3] > 0.0 and np.linalg.norm(eye[:3]) < 2.0
+    middle = eye[:3] if near else np.zeros(3)
+    rounded = middle.astype(np.float32)
+    less = np.append(eye[:3] - eye[3] * middle, eye[3]) / max(1.0, np.abs(eye).max())
+    return tuple(rounded.tolist()), tuple((middle - rounded).astype(np.float32).tolist()), tuple(less.tolist())
+
+
+def slow_kinds(positions, edges, eye, backs_hidden):
+    """((e,) kind of each edge by the exact rule, (e,) whether a face beside it is within float32 of edge-on)."""
+    o, a, b, q = edges.vertices.T
+    left = front_facing(positions, np.column_stack([a, b, o]).astype(np.int32), eye)
+    right = front_facing(positions, np.column_stack([b, a, q]).astype(np.int32), eye)
+    border, folds = q == a, left != right
+    kinds = np.select([border, folds, edges.angles > 25.0, edges.angles < -15.0], [1, 0, 2, 3], -1)
+    if backs_hidden:
+        kinds[~border & ((~left & ~right) | (folds & (edges.angles < 0.0)))] = -1
+    p = positions.astype(np.float64)
+    doubtful = backs_hidden & folds & (np.abs(edges.angles) < 1e-3)
+    for x, y, z in ((a, b, o), (b, a, q)):
+        u, v, to_eye = p[y] - p[x], p[z] - p[x], eye[:3] - eye[3] * p[x]
+        height = np.abs(np.einsum("ij,ij->i", np.cross(u, v), to_eye))
+        doubtful |= ~border & (height <= 2e-6 * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) * np.linalg.norm(to_eye, axis=1))
+    return kinds, doubtful
