@@ -44,6 +44,7 @@ from service.assets import MeshAsset, load_asset
 from service.camera import resolve_camera
 from service.hulls import Side, hull_file
 from service.render.calibration import calibrate
+from service.render.edge_mesh import find_edges
 from service.render.renderer import Renderer
 from service.scene.draw import drawing_of
 from service.scene.plan import plan_scene
@@ -109,6 +110,8 @@ def warm(renderer: Renderer) -> None:
             for request in _requests():
                 renderer.submit(asset, request).result()
             _extract_together(asset)
+            for edges in (asset.edges, None):
+                find_edges(asset.positions, asset.faces, edges)
             project_loops(resolve_camera(BESIDE, asset.frame, SIDE_PX, SIDE_PX), BEHIND, np.array([0, len(BEHIND)], np.int32))
             for scene in _scenes():
                 renderer.submit_drawing(drawing_of(plan_scene(scene, [asset] * len(scene.objects)))).result()

@@ -52,6 +52,32 @@ def cube(per_side: int = 1):
     return np.array(list(index), np.float64) / n, np.array(faces, np.int32)
 
 
+def blocks(*cells):
+    """The surface of unit cubes at integer corners, with whole-number vertices; four faces at an edge where two cubes share only that."""
+    filled, index, faces = set(cells), {}, []
+    for cell in cells:
+        for axis in range(3):
+            u, v = np.eye(3, dtype=int)[(axis + 1) % 3], np.eye(3, dtype=int)[(axis + 2) % 3]
+            for side in (0, 1):
+                step = np.eye(3, dtype=int)[axis] * (2 * side - 1)
+                if tuple((np.array(cell) + step).tolist()) in filled:
+                    continue
+                base = np.array(cell) + np.eye(3, dtype=int)[axis] * side
+                a, b, c, d = (index.setdefault(tuple(p.tolist()), len(index)) for p in (base, base + u, base + u + v, base + v))
+                quad = [[a, b, c], [a, c, d]]
+                faces += quad if side else [q[::-1] for q in quad]
+    return np.array(list(index), np.float64), np.array(faces, np.int32)
+
+
+def sheet(per_side: int = 6, bend: float = 0.2):
+    """An open square of 2 * per_side^2 faces in the plane of x and y, bent towards z."""
+    n = per_side
+    x, y = np.meshgrid(np.arange(n + 1) / n - 0.5, np.arange(n + 1) / n - 0.5)
+    vertices = np.column_stack([x.ravel(), y.ravel(), bend * (x**2 - 0.7 * y**2).ravel()])
+    i = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    return vertices, np.concatenate([np.column_stack([i, i + 1, i + n + 2]), np.column_stack([i, i + n + 2, i + n + 1])]).astype(np.int32)
+
+
 def torus(along: int = 24, around: int = 12, radius: float = 1.0, tube_radius: float = 0.35):
     t = np.arange(along) / along * 2 * np.pi
     return tube(np.column_stack([radius * np.cos(t), radius * np.sin(t), 0 * t]), tube_radius, around)

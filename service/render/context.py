@@ -30,6 +30,9 @@ FEWEST_TRIED, MOST_TRIED, TRIED_NS = 1 << 10, 1 << 24, 4_000_000
 STENCIL_CENTRE = 128
 """Cleared stencil value: the winding number zero, with room for negative ones below it."""
 
+SPARE_UNIT = 15
+"""Texture unit that no pass reads from: textures are made there, whatever a pass has bound already."""
+
 _STENCIL_TEST = 0x0B90
 _DEPTH_CLAMP = 0x864F
 _STENCIL_BUFFER_BIT = 0x0400
@@ -37,8 +40,12 @@ _LESS, _EQUAL, _GEQUAL, _ALWAYS = 0x0201, 0x0202, 0x0206, 0x0207
 _FRONT, _BACK = 0x0404, 0x0405
 _KEEP, _INCREMENT_WRAP, _DECREMENT_WRAP = 0x1E00, 0x8507, 0x8508
 _FRAMEBUFFER, _RENDERBUFFER = 0x8D40, 0x8D41
+_FRAMEBUFFER_SRGB = 0x8DB9
 _DEPTH24_STENCIL8, _DEPTH_STENCIL_ATTACHMENT = 0x88F0, 0x821A
+_DEPTH_STENCIL, _UNSIGNED_INT_24_8 = 0x84F9, 0x84FA
 _FRAMEBUFFER_COMPLETE = 0x8CD5
+_TEXTURE_2D, _TEXTURE_2D_MULTISAMPLE, _TEXTURE0 = 0x0DE1, 0x9100, 0x84C0
+_MIN_FILTER, _MAG_FILTER, _MAX_LEVEL, _NEAREST = 0x2801, 0x2800, 0x813D, 0x2600
 _UNSIGNED_INT = 0x1405
 
 _U, _I = ctypes.c_uint, ctypes.c_int
@@ -61,6 +68,14 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "glRenderbufferStorageMultisample": (None, _U, _I, _U, _I, _I),
     "glBindFramebuffer": (None, _U, _U),
     "glFramebufferRenderbuffer": (None, _U, _U, _U, _U),
+    "glFramebufferTexture2D": (None, _U, _U, _U, _U, _I),
+    "glGenTextures": (None, _I, ctypes.POINTER(_U)),
+    "glDeleteTextures": (None, _I, ctypes.POINTER(_U)),
+    "glActiveTexture": (None, _U),
+    "glBindTexture": (None, _U, _U),
+    "glTexParameteri": (None, _U, _U, _I),
+    "glTexImage2D": (None, _U, _I, _I, _I, _I, _I, _U, _U, ctypes.c_void_p),
+    "glTexImage2DMultisample": (None, _U, _I, _U, _I, _I, _U),
     "glCheckFramebufferStatus": (_U, _U),
 }
 
@@ -130,12 +145,19 @@ class GlContext:
         buffer.orphan()
         buffer.write(np.ascontiguousarray(data))
 
-    def texture(self, size: tuple[int, int], channels: int, data: bytes, internal_format: int | None = None) -> moderngl.Texture:
-        """A texture of rows without padding."""
+    def texture(
+        self, size: tuple[int, int], channels: int, data: bytes, internal_format: int | None = None, dtype: str = "f1"
+    ) -> moderngl.Texture:
+        """A texture of rows without padding. dtype: moderngl's, f1 for bytes."""
         self._uploaded += len(data)
         if internal_format is None:
-            return self.ctx.texture(size, channels, data, alignment=1)
+            return self.ctx.texture(size, channels, data, alignment=1, dtype=dtype)
         return self.ctx.texture(size, channels, data, alignment=1, internal_format=internal_format)
+
+    def fill_texture(self, texture: moderngl.Texture, data: npt.NDArray[Any]) -> None:
+        """Give a texture other contents, of the same size and type."""
+        self._uploaded += data.nbytes
+        texture.write(data.tobytes())
 
     def timed(self) -> moderngl.Query:
         """A query that times what the GL does inside a `with` block; its `elapsed` (ns) waits."""
@@ -207,11 +229,45 @@ class GlContext:
         self._gl["glRenderbufferStorageMultisample"](_RENDERBUFFER, samples, _DEPTH24_STENCIL8, *size)
         self._gl["glBindFramebuffer"](_FRAMEBUFFER, framebuffer.glo)
         self._gl["glFramebufferRenderbuffer"](_FRAMEBUFFER, _DEPTH_STENCIL_ATTACHMENT, _RENDERBUFFER, name)
+        self._require_complete(size, samples, lambda: self.delete_renderbuffer(name.value))
+        return name.value
+
+    def attach_depth_texture(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
+        """The same as a texture, which a shader can read its depth from; the name to use and to delete it by."""
+        name = _U()
+        self._gl["glGenTextures"](1, ctypes.byref(name))
+        kind = _TEXTURE_2D_MULTISAMPLE if samples else _TEXTURE_2D
+        self._gl["glActiveTexture"](_TEXTURE0 + SPARE_UNIT)
+        self._gl["glBindTexture"](kind, name)
+        if samples:
+            self._gl["glTexImage2DMultisample"](kind, samples, _DEPTH24_STENCIL8, *size, 1)
+        else:
+            self._gl["glTexImage2D"](kind, 0, _DEPTH24_STENCIL8, *size, 0, _DEPTH_STENCIL, _UNSIGNED_INT_24_8, None)
+            for parameter, value in ((_MIN_FILTER, _NEAREST), (_MAG_FILTER, _NEAREST), (_MAX_LEVEL, 0)):
+                self._gl["glTexParameteri"](kind, parameter, value)
+        self._gl["glBindFramebuffer"](_FRAMEBUFFER, framebuffer.glo)
+        self._gl["glFramebufferTexture2D"](_FRAMEBUFFER, _DEPTH_STENCIL_ATTACHMENT, kind, name, 0)
+        self._require_complete(size, samples, lambda: self.delete_texture(name.value))
+        return name.value
+
+    def use_depth_texture(self, name: int, samples: int, unit: int) -> None:
+        """Let a texture made by `attach_depth_texture` be read from a texture unit."""
+        self._gl["glActiveTexture"](_TEXTURE0 + unit)
+        self._gl["glBindTexture"](_TEXTURE_2D_MULTISAMPLE if samples else _TEXTURE_2D, name)
+
+    def delete_texture(self, name: int) -> None:
+        """Delete what `attach_depth_texture` made."""
+        self._gl["glDeleteTextures"](1, ctypes.byref(_U(name)))
+
+    def _require_complete(self, size: tuple[int, int], samples: int, undo: Callable[[], None]) -> None:
         status = self._gl["glCheckFramebufferStatus"](_FRAMEBUFFER)
         if status != _FRAMEBUFFER_COMPLETE:
-            self.delete_renderbuffer(name.value)
+            undo()
             raise RuntimeError(f"a framebuffer of {size[0]} x {size[1]} with {samples} samples is not complete (0x{status:x})")
-        return name.value
+
+    def blend_in_linear_light(self, on: bool) -> None:
+        """Whether shaders give linear light to sRGB targets, and blending works on it; otherwise both are of sRGB bytes."""
+        self._gl["glEnable" if on else "glDisable"](_FRAMEBUFFER_SRGB)
 
     def delete_renderbuffer(self, name: int) -> None:
         """Delete what `attach_depth_stencil` made."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol, TypeVar, cast
 
 import moderngl
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from schemas.conventions import I4, Array
 from service.assets import DrawnHull, MeshAsset
 from service.render.context import GlContext
+from service.render.edge_mesh import EdgeMesh
 from service.render.halved_maps import halved_maps
 from service.render.targets import SRGB8_ALPHA8
 
@@ -63,34 +64,50 @@ def attributes(fields: Fields, prefix: str, used: set[str]) -> tuple[str, list[s
     return " ".join(parts), names
 
 
+class _Kept(Protocol):
+    @property
+    def nbytes(self) -> int: ...
+
+    def release(self) -> None: ...
+
+
+T = TypeVar("T", bound=_Kept)
+
+
 class GpuCache:
-    """Surfaces by asset and hull. A single surface larger than the limit is kept as long as it is the latest."""
+    """Surfaces by asset and hull, and edge meshes by asset. A single one larger than the limit is kept as long as it is the latest."""
 
     def __init__(self, gl: GlContext, capacity_mib: int) -> None:
         self._gl, self._capacity = gl, capacity_mib << 20
         self._largest_texture = int(gl.ctx.info["GL_MAX_TEXTURE_SIZE"])
-        self._kept: OrderedDict[tuple[str, int | None, int, bool], Surface] = OrderedDict()
+        self._kept: OrderedDict[Hashable, _Kept] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._kept)
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all surfaces."""
-        return sum(surface.nbytes for surface in self._kept.values())
+        """Bytes of all that is kept."""
+        return sum(one.nbytes for one in self._kept.values())
 
     def get(self, asset: MeshAsset, number: int | None, *, colored: bool, halvings: int = 0) -> Surface:
         """The hull of that number, with its maps halved so often, or the mesh (None); coloured where it has colours and they are wanted."""
         hull = None if number is None else asset.hulls[number]
-        key = (asset.id, number, halvings, colored and has_color(asset, hull))
+        colored = colored and has_color(asset, hull)
+        return self._keep((asset.id, number, halvings, colored), lambda: self._upload(asset, _halved(hull, halvings), colored=colored))
+
+    def edge_mesh(self, asset: MeshAsset) -> EdgeMesh:
+        """The edges of the mesh."""
+        return self._keep((asset.id, "edge mesh"), lambda: EdgeMesh.of(self._gl, asset))
+
+    def _keep(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What is kept under the key, made if it is not there, as the latest."""
         if key not in self._kept:
-            if hull is not None and halvings:
-                hull = DrawnHull(hull.hull, halved_maps(hull.maps, halvings))
-            self._kept[key] = self._upload(asset, hull, colored=key[3])
+            self._kept[key] = make()
         self._kept.move_to_end(key)
         while len(self._kept) > 1 and self.nbytes > self._capacity:
             self._kept.popitem(last=False)[1].release()
-        return self._kept[key]
+        return cast(T, self._kept[key])
 
     def drop(self, asset_id: str) -> None:
         """Delete what there is of one asset."""
@@ -136,6 +153,10 @@ class GpuCache:
         texture = self._gl.texture((width, height), channels, data, SRGB8_ALPHA8 if srgb else None)
         texture.repeat_x = texture.repeat_y = repeat
         return texture
+
+
+def _halved(hull: DrawnHull | None, times: int) -> DrawnHull | None:
+    return DrawnHull(hull.hull, halved_maps(hull.maps, times)) if hull is not None and times else hull
 
 
 def has_color(asset: MeshAsset, hull: DrawnHull | None) -> bool:

@@ -1,4 +1,4 @@
-"""Shader programs by name: `shaders/<name>.vert.glsl` and `.frag.glsl`, in variants by preprocessor definitions."""
+"""Shader programs by name: `shaders/<name>.vert.glsl`, `.geom.glsl` and `.frag.glsl`, in variants by preprocessor definitions."""
 
 from __future__ import annotations
 
@@ -29,15 +29,16 @@ class Programs:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._kept: dict[tuple[str, str, frozenset[str]], moderngl.Program] = {}
+        self._kept: dict[tuple[str, str, str, frozenset[str]], moderngl.Program] = {}
         self._set: dict[tuple[moderngl.Program, str], Any] = {}
 
-    def get(self, vertex: str, fragment: str, definitions: frozenset[str] = frozenset()) -> moderngl.Program:
-        """The program of `vertex`.vert.glsl and `fragment`.frag.glsl."""
-        key = (vertex, fragment, definitions)
+    def get(self, vertex: str, fragment: str, definitions: frozenset[str] = frozenset(), *, geometry: str = "") -> moderngl.Program:
+        """The program of `vertex`.vert.glsl and `fragment`.frag.glsl, with `geometry`.geom.glsl between them where one is named."""
+        key = (vertex, geometry, fragment, definitions)
         if key not in self._kept:
             self._kept[key] = self._ctx.program(
                 vertex_shader=shader_source(f"{vertex}.vert.glsl", definitions),
+                geometry_shader=shader_source(f"{geometry}.geom.glsl", definitions) if geometry else None,
                 fragment_shader=shader_source(f"{fragment}.frag.glsl", definitions),
             )
         return self._kept[key]

@@ -17,7 +17,7 @@ SRGB8_ALPHA8 = 0x8C43
 
 @dataclass(frozen=True)
 class Target:
-    """A framebuffer with colour (sRGB bytes, linear when sampled), depth and stencil. size: (width, height), pixels."""
+    """A framebuffer with colour (sRGB bytes, linear when sampled), and depth and stencil in a texture. size: (width, height), pixels."""
 
     framebuffer: moderngl.Framebuffer
     color: moderngl.Texture
@@ -32,6 +32,7 @@ class Targets:
     def __init__(self, gl: GlContext) -> None:
         self._gl = gl
         self._kept: OrderedDict[tuple[int, int, int, bool], Target] = OrderedDict()
+        self._over: dict[int, tuple[moderngl.Framebuffer, int]] = {}
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -58,9 +59,22 @@ class Targets:
         color = self._gl.ctx.texture(size, 4, samples=samples, internal_format=SRGB8_ALPHA8)
         framebuffer = self._gl.ctx.framebuffer([color])
         framebuffer.depth_mask = True
-        return Target(framebuffer, color, self._gl.attach_depth_stencil(framebuffer, size, samples), size, samples)
+        return Target(framebuffer, color, self._gl.attach_depth_texture(framebuffer, size, samples), size, samples)
+
+    def over(self, target: Target) -> moderngl.Framebuffer:
+        """For drawing over a target's colour while its depth is read: a framebuffer with a depth buffer of its own, with anything in it."""
+        if target.depth_stencil not in self._over:
+            framebuffer = self._gl.ctx.framebuffer([target.color])
+            framebuffer.depth_mask = True
+            own = self._gl.attach_depth_stencil(framebuffer, target.size, target.samples)
+            self._over[target.depth_stencil] = framebuffer, own
+        return self._over[target.depth_stencil][0]
 
     def _delete(self, target: Target) -> None:
+        framebuffer, own = self._over.pop(target.depth_stencil, (None, 0))
+        if framebuffer is not None:
+            framebuffer.release()
+            self._gl.delete_renderbuffer(own)
         target.framebuffer.release()
         target.color.release()
-        self._gl.delete_renderbuffer(target.depth_stencil)
+        self._gl.delete_texture(target.depth_stencil)

@@ -4,6 +4,7 @@ import pytest
 
 from schemas.render import Accuracy, RenderRequest, Shading
 from service.render.frame import render_frame
+from tests.service.render.lined import drawn_with_lines
 from tests.service.render.made import clippable
 
 VIEWS = {
@@ -24,5 +25,15 @@ def draw(gpu):
         accuracy = Accuracy(source=source, antialias=antialias)
         shading = Shading(**(shading or {}))
         return render_frame(gpu, asset, RenderRequest(width=size[0], height=size[1], accuracy=accuracy, shading=shading, **request))
+
+    return drawn
+
+
+@pytest.fixture
+def draw_lines(gpu):
+    """Draws an asset's original with lines over it."""
+
+    def drawn(asset, lines, **fields):
+        return drawn_with_lines(gpu, asset, lines, **fields)
 
     return drawn

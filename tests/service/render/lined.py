@@ -1,0 +1,124 @@
+"""Pictures with lines, and slow answers to where lines are and which of them are seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.topology import NotManifoldError, build_edges, vertex_normals
+from schemas.lines import Lines
+from schemas.mesh import Capability
+from schemas.render import Accuracy, RenderRequest, Shading
+from service.assets import MeshAsset
+from service.camera import View, project, resolve_camera, to_pixels
+from service.render.frame import FRAME, tiles_of
+from service.render.passes.edge_mesh import draw_edge_mesh, draw_lines_of, reach_px
+from service.render.plan import plan_frame
+from service.render.state import FrameState, parse_color
+from tests import meshes
+
+WHITE = Shading(color="#ffffff", ambient=1.0)
+
+
+class LinedRequest(RenderRequest):
+    lines: Lines = Lines()
+
+
+@dataclass
+class Lined:
+    """A picture (h, w, 4) u1 with its view, and what the GL was made to do for its lines."""
+
+    pixels: np.ndarray
+    view: View
+    work: object
+
+
+def drawn_with_lines(gpu, asset, lines, *, mesh=None, antialias="none", size=(200, 200), background="#ffffff", **fields) -> Lined:
+    """The original with lines over it; mesh: an edge mesh instead of the asset's own."""
+    accuracy = Accuracy(source="original", antialias=antialias)
+    fields = {"shading": WHITE, "lines": Lines(**lines)} | fields
+    request = LinedRequest(width=size[0], height=size[1], accuracy=accuracy, background=background, **fields)
+    view = resolve_camera(request.camera, asset.frame, *size, asset.radius)
+    plan = plan_frame(request, asset, view, gpu.costs)
+    color = None if background == "transparent" else parse_color(background)
+    area = plan.area.grown(math.ceil(reach_px(request.lines, view)), *size)
+    frame = FrameState(gpu, asset, request, plan, view, color, area=area)
+    work = gpu.gl.work - gpu.gl.work
+    steps = [step for step in FRAME if step.name in plan.passes]
+    for step in steps:
+        if not step.each_tile:
+            step.make(frame)
+    for tile in tiles_of(plan, frame.area):
+        frame.tile = tile
+        for step in steps:
+            if step.each_tile:
+                step.make(frame)
+            if step.name == "surface":
+                before = gpu.gl.work
+                draw_edge_mesh(frame) if mesh is None else draw_lines_of(frame, mesh, request.lines)
+                work += gpu.gl.work - before
+    gpu.gl.check()
+    return Lined(frame.image, view, work)
+
+
+def asset_of(mesh, name) -> MeshAsset:
+    """A mesh, closed or not, that is drawn from itself only."""
+    positions, faces, frame = meshes.normalised(mesh)
+    try:
+        table = build_edges(faces)
+        edges = (table.vertices, table.faces)
+    except NotManifoldError:
+        edges = None
+    reason = Capability(available=False, reason="it has no hull")
+    normals = vertex_normals(positions, faces)
+    return MeshAsset(name, frame, positions, faces, normals, None, edges, None, None, None, reason)
+
+
+def along_edges(view, positions, ends, step=0.5):
+    """Points about every `step` pixels of the edges (e, 2): (points (n, 3) f8, edge (n,), t (n,)); of parts before the eye."""
+    p = positions.astype(np.float64)
+    pixels = to_pixels(view, project(view, p))
+    length = np.linalg.norm(pixels[ends[:, 1]] - pixels[ends[:, 0]], axis=1)
+    count = np.maximum(np.nan_to_num(np.ceil(length / step), nan=1000.0), 2).astype(int)
+    edge = np.repeat(np.arange(len(ends)), count)
+    t = (np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[edge]
+    return p[ends[edge, 0]] + t[:, None] * (p[ends[edge, 1]] - p[ends[edge, 0]]), edge, t
+
+
+def hidden(view, positions, faces, points, shift=(0.0, 0.0), tolerance=1e-4):
+    """(n,) bool: whether some face is nearer than the point, by more than tolerance (normalised units), where the image shows it,
+    shifted by (x, y) pixels. Every face is tried for every point.
+    """
+    clip, seen = project(view, positions), project(view, points)
+    corners, at = to_pixels(view, clip)[faces], to_pixels(view, seen) + np.asarray(shift)
+    depth = clip[:, 2] if view.orthographic else clip[:, 3]
+    own = seen[:, 2] if view.orthographic else seen[:, 3]
+    scale = np.linalg.norm(view.matrix[2 if view.orthographic else 3, :3])
+    found = np.zeros(len(points), bool)
+    e = [corners[:, (k + 1) % 3] - corners[:, k] for k in range(3)]
+    area = e[0][:, 0] * e[1][:, 1] - e[0][:, 1] * e[1][:, 0]
+    keep = np.abs(area) > 1e-12
+    inverse = 1.0 / (depth if not view.orthographic else np.ones_like(depth))
+    for start in range(0, len(points), 256):
+        part = slice(start, start + 256)
+        weights = []
+        for k in range(3):
+            c = corners[keep][:, k]
+            d = at[part, None, :] - c[None]
+            weights.append((e[k][keep][:, 0] * d[:, :, 1] - e[k][keep][:, 1] * d[:, :, 0]) / area[keep])
+        inside = (weights[0] >= 0) & (weights[1] >= 0) & (weights[2] >= 0)
+        f = faces[keep]
+        mixed = weights[1] * inverse[f[:, 0]] + weights[2] * inverse[f[:, 1]] + weights[0] * inverse[f[:, 2]]
+        if view.orthographic:
+            surface = weights[1] * depth[f[:, 0]] + weights[2] * depth[f[:, 1]] + weights[0] * depth[f[:, 2]]
+        else:
+            surface = 1.0 / mixed
+        found[part] = np.any(inside & (surface < own[part, None] - tolerance * scale), axis=1)
+    return found
+
+
+def inked(pixels):
+    """(h, w) bool: where a black line is on a white picture."""
+    return pixels[:, :, :3].max(axis=2) < 128
