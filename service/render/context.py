@@ -40,6 +40,11 @@ _FRAMEBUFFER, _RENDERBUFFER = 0x8D40, 0x8D41
 _DEPTH24_STENCIL8, _DEPTH_STENCIL_ATTACHMENT = 0x88F0, 0x821A
 _FRAMEBUFFER_COMPLETE = 0x8CD5
 _UNSIGNED_INT = 0x1405
+_DEPTH32F, _DEPTH_ATTACHMENT = 0x8CAC, 0x8D00
+_LOWER_LEFT, _ZERO_TO_ONE, _NEGATIVE_ONE_TO_ONE = 0x8CA1, 0x935F, 0x935E
+_COLOR, _DEPTH = 0x1800, 0x1801
+_FRAMEBUFFER_SRGB = 0x8DB9
+CLIP_CONTROL = "GL_ARB_clip_control"
 
 _U, _I = ctypes.c_uint, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
@@ -62,6 +67,8 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "glBindFramebuffer": (None, _U, _U),
     "glFramebufferRenderbuffer": (None, _U, _U, _U, _U),
     "glCheckFramebufferStatus": (_U, _U),
+    "glClearBufferiv": (None, _U, _I, ctypes.POINTER(_I)),
+    "glClearBufferfv": (None, _U, _I, ctypes.POINTER(ctypes.c_float)),
 }
 
 
@@ -108,6 +115,9 @@ class GlContext:
         self._gl: dict[str, Callable[..., Any]] = {
             name: ctypes.CFUNCTYPE(*signature)(native.load(name)) for name, signature in _SIGNATURES.items()
         }
+        self._clip_control: Callable[..., Any] | None = None
+        if self.ctx.version_code >= 450 or CLIP_CONTROL in self.ctx.extensions:
+            self._clip_control = ctypes.CFUNCTYPE(None, _U, _U)(native.load("glClipControl"))
         # a surface nearer than the near plane is still in front of the eye
         self._gl["glEnable"](_DEPTH_CLAMP)
         self.most_samples = min(4, int(self.ctx.max_samples))
@@ -201,21 +211,51 @@ class GlContext:
 
     def attach_depth_stencil(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
         """Give a framebuffer a depth and stencil buffer, 24 + 8 bits; the name to delete it by."""
+        return self._attach(framebuffer, size, samples, _DEPTH24_STENCIL8, _DEPTH_STENCIL_ATTACHMENT)
+
+    def _attach(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int, layout: int, place: int) -> int:
         name = _U()
         self._gl["glGenRenderbuffers"](1, ctypes.byref(name))
         self._gl["glBindRenderbuffer"](_RENDERBUFFER, name)
-        self._gl["glRenderbufferStorageMultisample"](_RENDERBUFFER, samples, _DEPTH24_STENCIL8, *size)
+        self._gl["glRenderbufferStorageMultisample"](_RENDERBUFFER, samples, layout, *size)
         self._gl["glBindFramebuffer"](_FRAMEBUFFER, framebuffer.glo)
-        self._gl["glFramebufferRenderbuffer"](_FRAMEBUFFER, _DEPTH_STENCIL_ATTACHMENT, _RENDERBUFFER, name)
+        self._gl["glFramebufferRenderbuffer"](_FRAMEBUFFER, place, _RENDERBUFFER, name)
         status = self._gl["glCheckFramebufferStatus"](_FRAMEBUFFER)
         if status != _FRAMEBUFFER_COMPLETE:
             self.delete_renderbuffer(name.value)
             raise RuntimeError(f"a framebuffer of {size[0]} x {size[1]} with {samples} samples is not complete (0x{status:x})")
         return name.value
 
+    def attach_float_depth(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
+        """Give a framebuffer a depth buffer of 32-bit floats and no stencil; the name to delete it by."""
+        return self._attach(framebuffer, size, samples, _DEPTH32F, _DEPTH_ATTACHMENT)
+
     def delete_renderbuffer(self, name: int) -> None:
         """Delete what `attach_depth_stencil` made."""
         self._gl["glDeleteRenderbuffers"](1, ctypes.byref(_U(name)))
+
+    @property
+    def deep_range(self) -> tuple[float, float]:
+        """(scale, shift) from a depth that is 1 at the eye and falls to 0 to the clip coordinate it has while depth is reversed."""
+        return (2.0, -1.0) if self._clip_control is None else (1.0, 0.0)
+
+    def reverse_depth(self, reversed_: bool) -> None:
+        """From now on the larger depth is the nearer one, and floats near 0 keep apart what is far; or the smaller one, as usual.
+
+        Without clip control depths still are from -1 to 1 before they are stored, which costs the far ones their bits.
+        """
+        if self._clip_control is not None:
+            self._clip_control(_LOWER_LEFT, _ZERO_TO_ONE if reversed_ else _NEGATIVE_ONE_TO_ONE)
+        self.ctx.depth_func = ">" if reversed_ else "<"
+
+    def clear_numbers(self) -> None:
+        """Clear the bound framebuffer of integers to zero, and its reversed depth."""
+        self._gl["glClearBufferiv"](_COLOR, 0, (_I * 4)(0, 0, 0, 0))
+        self._gl["glClearBufferfv"](_DEPTH, 0, ctypes.byref(ctypes.c_float(0.0)))
+
+    def blend_in_linear_light(self, on: bool) -> None:
+        """Whether colours are linear when they are written, and blended as such, though bytes are sRGB."""
+        self._gl["glEnable" if on else "glDisable"](_FRAMEBUFFER_SRGB)
 
     def count_windings(self) -> None:
         """Clear the stencil to zero windings; from now on front faces add one and back faces take one away."""

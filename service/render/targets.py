@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from enum import Enum
 
 import moderngl
 
@@ -15,13 +16,24 @@ MOST_TARGETS = 8
 SRGB8_ALPHA8 = 0x8C43
 
 
+class Kind(Enum):
+    """What a framebuffer is for.
+
+    PICTURE: sRGB bytes, 24 bits of depth, stencil. DEEP: sRGB bytes and floats of depth. NUMBERS: an integer a pixel, floats of depth.
+    """
+
+    PICTURE = "picture"
+    DEEP = "deep"
+    NUMBERS = "numbers"
+
+
 @dataclass(frozen=True)
 class Target:
-    """A framebuffer with colour (sRGB bytes, linear when sampled), depth and stencil. size: (width, height), pixels."""
+    """A framebuffer with colour (sRGB bytes, linear when sampled) or 32-bit integers, and a depth buffer. size: (width, height), pixels."""
 
     framebuffer: moderngl.Framebuffer
     color: moderngl.Texture
-    depth_stencil: int
+    depth: int
     size: tuple[int, int]
     samples: int
 
@@ -31,21 +43,21 @@ class Targets:
 
     def __init__(self, gl: GlContext) -> None:
         self._gl = gl
-        self._kept: OrderedDict[tuple[int, int, int, bool], Target] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, int, int, bool, Kind], Target] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._kept)
 
-    def get(self, width: int, height: int, samples: int = 0, *, apart: bool = False) -> Target:
+    def get(self, width: int, height: int, samples: int = 0, *, apart: bool = False, kind: Kind = Kind.PICTURE) -> Target:
         """A framebuffer of at least width x height pixels; what is in it is anything.
 
         apart: not the one of the same size that is given without, which may be read while this one is drawn to.
         """
-        key = (-(-width // SIZE_STEP) * SIZE_STEP, -(-height // SIZE_STEP) * SIZE_STEP, samples, apart)
+        key = (-(-width // SIZE_STEP) * SIZE_STEP, -(-height // SIZE_STEP) * SIZE_STEP, samples, apart, kind)
         if key not in self._kept:
             while len(self._kept) >= MOST_TARGETS:
                 self._delete(self._kept.popitem(last=False)[1])
-            self._kept[key] = self._make(key[:2], samples)
+            self._kept[key] = self._make(key[:2], samples, kind)
         self._kept.move_to_end(key)
         return self._kept[key]
 
@@ -54,13 +66,17 @@ class Targets:
         while self._kept:
             self._delete(self._kept.popitem()[1])
 
-    def _make(self, size: tuple[int, int], samples: int) -> Target:
-        color = self._gl.ctx.texture(size, 4, samples=samples, internal_format=SRGB8_ALPHA8)
+    def _make(self, size: tuple[int, int], samples: int, kind: Kind) -> Target:
+        if kind is Kind.NUMBERS:
+            color = self._gl.ctx.texture(size, 1, dtype="i4")
+        else:
+            color = self._gl.ctx.texture(size, 4, samples=samples, internal_format=SRGB8_ALPHA8)
         framebuffer = self._gl.ctx.framebuffer([color])
         framebuffer.depth_mask = True
-        return Target(framebuffer, color, self._gl.attach_depth_stencil(framebuffer, size, samples), size, samples)
+        attach = self._gl.attach_depth_stencil if kind is Kind.PICTURE else self._gl.attach_float_depth
+        return Target(framebuffer, color, attach(framebuffer, size, samples), size, samples)
 
     def _delete(self, target: Target) -> None:
         target.framebuffer.release()
         target.color.release()
-        self._gl.delete_renderbuffer(target.depth_stencil)
+        self._gl.delete_renderbuffer(target.depth)
