@@ -59,7 +59,13 @@ class LineSurface:
             return np.zeros(len(self.faces), np.uint8)
         return turned_like_neighbours(len(self.faces), self.features.beside, self.features.same_way)
 
-    def sharp(self, least_deg: float, *, convex: bool) -> I4:
-        """(e, 2) i4 edges over which normals turn by more than so many degrees: ridges (convex) or valleys."""
+    def sharp(self, least_deg: float, layer: U1 | None, *, convex: bool) -> I4:
+        """(e, 2) i4 edges over which normals turn by more than so many degrees: ridges (convex) or valleys.
+
+        layer: (f,) u1, of whose faces edges are wanted; all without.
+        """
         found = self.features
-        return found.inner[(found.turn < math.cos(math.radians(least_deg))) & (found.convex == convex)]
+        chosen = (found.turn < math.cos(math.radians(least_deg))) & (found.convex == convex)
+        if layer is not None:
+            chosen &= layer[found.beside].all(axis=1)
+        return found.inner[chosen]

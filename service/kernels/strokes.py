@@ -21,8 +21,8 @@ from numba import njit
 INNER_PX = 0.5
 """A fattened edge begins so far inside its face, so that no sample is missed between it and the surface."""
 MARGIN_PX = 2.0
-LARGEST_GAIN = 10.0
-"""Most pixels by which a fattened face comes nearer on each pixel that it grows: that of one seen 0.1 from edge-on."""
+LARGEST_GAIN = 3.0
+"""Most pixels by which a fattened face comes nearer on each pixel that it grows: that of one whose normal is 70 degrees off V."""
 
 
 class StrokeView(NamedTuple):
@@ -47,7 +47,8 @@ class StrokeView(NamedTuple):
 class Pen(NamedTuple):
     """How strokes look. radius: pixels, half the width, or all of it beyond a fattened edge. reference: w at which it is that, 0 for
     everywhere. near_share, near_shift, near_by: what brings it nearer: depth d at w is d (1 + near_share) w / (w - near_by) + near_shift.
-    steps: pieces of a quarter of a round end. least_gain: of LARGEST_GAIN, for edges whose faces come nearer outwards 0.
+    steps: pieces of a quarter of a round end. least_gain: of a fattened face, against LARGEST_GAIN. most_rise: capsules come nearer by what
+    the face beside them rises over their radius, at most so much a pixel; 0 for not at all.
     """
 
     radius: float
@@ -57,6 +58,7 @@ class Pen(NamedTuple):
     near_by: float
     steps: int
     least_gain: float
+    most_rise: float
 
 
 @njit(cache=True, nogil=True)
@@ -86,6 +88,10 @@ def make_strokes(view, pen, positions, ends, fattened, vertices, indices):
             gain = min(max(_gain(view, positions, a, b, ends[i, 2]), pen.least_gain), LARGEST_GAIN)
             _fatten(view, segment, gain, view.flip * ends[i, 3], cosines, sines, vertices[base : base + corners])
         else:
+            if pen.most_rise > 0.0 and ends.shape[1] == 4:
+                rise = min(max(-_gain(view, positions, a, b, ends[i, 2]), 0.0), pen.most_rise)
+                segment[2] = _gained(view, segment[2], rise * segment[3])
+                segment[6] = _gained(view, segment[6], rise * segment[7])
             _capsule(segment, cosines, sines, vertices[base : base + corners])
         for k in range(corners - 2):
             at = 3 * (count * (corners - 2) + k)
@@ -207,7 +213,10 @@ def _gain(view, positions, a, b, c):
 
 @njit(cache=True, nogil=True)
 def _fatten(view, segment, gain, facing, cosines, sines, vertices):
-    """What a face has beyond one of its edges once it is fatter, in its plane; quarters of a circle where the next edge's begins."""
+    """What a face has beyond one of its edges once it is fatter, in its plane; quarters of a circle where the next edge's begins.
+
+    Those fall away from the eye: where the outline turns inwards they are over the surface, which hides them so.
+    """
     tx, ty = _along(segment)
     # counter-clockwise as seen: the face is on the left, which is up and to the right where y runs down
     nx, ny = -facing * ty, facing * tx
@@ -221,7 +230,13 @@ def _fatten(view, segment, gain, facing, cosines, sines, vertices):
         for i in range(steps + 1):
             out = sines[i] if end == 0 else cosines[i]
             beyond = cosines[i] if end == 0 else -sines[i]
-            _put(vertices, k, x + r * (out * nx + beyond * tx), y + r * (out * ny + beyond * ty), _gained(view, depth, out * r * gain))
+            _put(
+                vertices,
+                k,
+                x + r * (out * nx + beyond * tx),
+                y + r * (out * ny + beyond * ty),
+                _gained(view, depth, r * (out * gain - abs(beyond))),
+            )
             k += 1
         if end == 1:
             _put(vertices, k, x - INNER_PX * nx, y - INNER_PX * ny, _gained(view, depth, -INNER_PX * gain))

@@ -40,7 +40,8 @@ _FRAMEBUFFER, _RENDERBUFFER = 0x8D40, 0x8D41
 _DEPTH24_STENCIL8, _DEPTH_STENCIL_ATTACHMENT = 0x88F0, 0x821A
 _FRAMEBUFFER_COMPLETE = 0x8CD5
 _UNSIGNED_INT = 0x1405
-_DEPTH32F, _DEPTH_ATTACHMENT = 0x8CAC, 0x8D00
+_DEPTH32F, _DEPTH32F_STENCIL8, _DEPTH_ATTACHMENT = 0x8CAC, 0x8CAD, 0x8D00
+_NOT_EQUAL, _REPLACE = 0x0205, 0x1E01
 _LOWER_LEFT, _ZERO_TO_ONE, _NEGATIVE_ONE_TO_ONE = 0x8CA1, 0x935F, 0x935E
 _COLOR, _DEPTH = 0x1800, 0x1801
 _FRAMEBUFFER_SRGB = 0x8DB9
@@ -230,6 +231,10 @@ class GlContext:
         """Give a framebuffer a depth buffer of 32-bit floats and no stencil; the name to delete it by."""
         return self._attach(framebuffer, size, samples, _DEPTH32F, _DEPTH_ATTACHMENT)
 
+    def attach_float_depth_stencil(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
+        """The same with a stencil of 8 bits."""
+        return self._attach(framebuffer, size, samples, _DEPTH32F_STENCIL8, _DEPTH_STENCIL_ATTACHMENT)
+
     def delete_renderbuffer(self, name: int) -> None:
         """Delete what `attach_depth_stencil` made."""
         self._gl["glDeleteRenderbuffers"](1, ctypes.byref(_U(name)))
@@ -284,6 +289,18 @@ class GlContext:
         self._gl["glStencilFunc"](function, value, 0xFF)
         self._gl["glStencilOpSeparate"](_FRONT, _KEEP, _KEEP, _KEEP)
         self._gl["glStencilOpSeparate"](_BACK, _KEEP, _KEEP, _KEEP)
+
+    def clear_marks(self) -> None:
+        """Clear the stencil of the bound framebuffer to zero."""
+        self._gl["glClearStencil"](0)
+        self._gl["glClear"](_STENCIL_BUFFER_BIT)
+
+    def mark_once(self, number: int) -> None:
+        """From now on draw each sample once, however often it is drawn to with this number (1 to 255)."""
+        self._gl["glEnable"](_STENCIL_TEST)
+        self._gl["glStencilFunc"](_NOT_EQUAL, number, 0xFF)
+        self._gl["glStencilOpSeparate"](_FRONT, _KEEP, _KEEP, _REPLACE)
+        self._gl["glStencilOpSeparate"](_BACK, _KEEP, _KEEP, _REPLACE)
 
     def ignore_windings(self) -> None:
         """Draw everywhere again."""

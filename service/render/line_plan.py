@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from schemas.errors import CapabilityError, InvalidRequestError
+from schemas.errors import InvalidRequestError
 from schemas.lines import LineMethod, Lines, LineStyle
 from schemas.render import Accuracy, Antialias, Fill, RenderRequest, ShadingMode, Source
 from service.assets import MeshAsset
@@ -52,13 +52,10 @@ def lined(accuracy: Accuracy) -> Accuracy:
     return Accuracy(source=Source.ORIGINAL, antialias=antialias)
 
 
-def line_passes(lines: Lines, asset: MeshAsset, view: View, closed: bool) -> frozenset[str]:
-    """Passes that the lines add. closed: the nearest layer is the front faces; otherwise it is looked for.
-
-    Raises CapabilityError for what this mesh cannot have.
-    """
+def line_passes(lines: Lines, asset: MeshAsset, closed: bool) -> frozenset[str]:
+    """Passes that the lines add. closed: the nearest layer is the front faces; otherwise it is looked for."""
     if lines.method is LineMethod.EDGE_MESH:
-        raise CapabilityError("lines by an edge mesh cannot be drawn yet: take another method", field="lines.method")
+        return frozenset({"edge_mesh"})
     passes: set[str] = set()
     if lines.silhouette is not None:
         passes |= {"line_faces", "lines_back"} | ({"line_strokes"} if lines.method is not LineMethod.TRANSLATED else set())
@@ -69,9 +66,14 @@ def line_passes(lines: Lines, asset: MeshAsset, view: View, closed: bool) -> fro
         passes |= {"line_strokes", "line_edges"}
     if "line_faces" in passes and not closed:
         passes.add("first_layer")
-    if any(style.opacity < 1.0 for style in styles_of(lines)):
+    if is_translucent(lines):
         passes.add("resolve")
     return frozenset(passes)
+
+
+def is_translucent(lines: Lines) -> bool:
+    """Whether some lines are blended with what is behind them."""
+    return any(style.opacity < 1.0 for style in styles_of(lines))
 
 
 def styles_of(lines: Lines) -> list[LineStyle]:

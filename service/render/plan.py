@@ -15,7 +15,7 @@ from service.camera import View
 from service.costs import GRID, NOMINAL, CostModel, ViewTerms
 from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
 from service.render.choice import CERTAIN, Choice, choose, why_not_clipped
-from service.render.line_plan import line_passes, lined, lines_asked, reach_px
+from service.render.line_plan import is_translucent, line_passes, lined, lines_asked, reach_px
 from service.rungs import ALWAYS, DRAWN, SILHOUETTE, is_outlined, passes_of
 from service.silhouette.levels import LevelInView
 from service.tile import BORDER, Tile
@@ -81,6 +81,11 @@ class Plan:
         return None if self.smooth or self.lines is not None else self.choice.error_px
 
     @property
+    def translucent(self) -> bool:
+        """Whether lines are blended with what is behind them."""
+        return self.lines is not None and is_translucent(self.lines)
+
+    @property
     def deep(self) -> bool:
         """Whether depth is in floats, and reversed (`service.render.deep`)."""
         return self.lines is not None and self.lines.method is not LineMethod.EDGE_MESH
@@ -102,6 +107,8 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
     """
     accuracy, mode = request.accuracy, request.shading.mode
     lines = lines_asked(request)
+    if lines is not None and lines.method is LineMethod.EDGE_MESH:  # refused as long as `frame.FRAME` has no pass of that name
+        raise CapabilityError("lines by an edge mesh cannot be drawn yet: take another method", field="lines.method")
     if lines is not None:
         accuracy = lined(accuracy)
     if accuracy.smooth:
@@ -120,7 +127,7 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
     closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, view.eye))
     if lines is not None:
         closed = closed and lines.orientation == "trusted"
-        passes |= line_passes(lines, asset, view, closed) if area.width else frozenset()
+        passes |= line_passes(lines, asset, closed) if area.width else frozenset()
     return Plan(choice, mode, passes, closed, area, accuracy.smooth, lines)
 
 

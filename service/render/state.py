@@ -156,8 +156,10 @@ class Strokes:
 @dataclass
 class FrameState:
     """One frame under way. background: sRGB bytes, None when transparent. area: the part of the image that can have anything
-    of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn. seen: (f,) u1, faces that have a
-    sample of their own. back_faces: (k,) i4, faces that are drawn as lines. line_ends, strokes: by the pass that draws them.
+    of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn.
+
+    marked: kinds of lines that have been blended. samples: (f,) i4, how many of the picture each face has. layer: (f,) u1, faces of the
+    nearest layer. back_faces: (k,) i4, faces that are drawn as lines. line_ends, strokes: by the pass that draws them.
     """
 
     gpu: Gpu
@@ -177,7 +179,9 @@ class FrameState:
     tile: Tile = NOWHERE
     target: Target | None = None
     placed: PlacedHull | None = None
-    seen: U1 | None = None
+    marked: int = 0
+    samples: I4 | None = None
+    layer: U1 | None = None
     back_faces: I4 = field(default_factory=lambda: np.empty(0, np.int32))
     line_ends: dict[str, I4] = field(default_factory=dict)
     strokes: dict[str, list[Strokes]] = field(default_factory=dict)

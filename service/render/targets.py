@@ -19,11 +19,13 @@ SRGB8_ALPHA8 = 0x8C43
 class Kind(Enum):
     """What a framebuffer is for.
 
-    PICTURE: sRGB bytes, 24 bits of depth, stencil. DEEP: sRGB bytes and floats of depth. NUMBERS: an integer a pixel, floats of depth.
+    PICTURE: sRGB bytes, 24 bits of depth, stencil. DEEP: sRGB bytes and floats of depth. DEEP_MARKED: and
+    stencil. NUMBERS: an integer a pixel, floats of depth.
     """
 
     PICTURE = "picture"
     DEEP = "deep"
+    DEEP_MARKED = "deep, marked"
     NUMBERS = "numbers"
 
 
@@ -73,7 +75,8 @@ class Targets:
             color = self._gl.ctx.texture(size, 4, samples=samples, internal_format=SRGB8_ALPHA8)
         framebuffer = self._gl.ctx.framebuffer([color])
         framebuffer.depth_mask = True
-        attach = self._gl.attach_depth_stencil if kind is Kind.PICTURE else self._gl.attach_float_depth
+        gl = self._gl
+        attach = {Kind.PICTURE: gl.attach_depth_stencil, Kind.DEEP_MARKED: gl.attach_float_depth_stencil}.get(kind, gl.attach_float_depth)
         return Target(framebuffer, color, attach(framebuffer, size, samples), size, samples)
 
     def _delete(self, target: Target) -> None:

@@ -12,9 +12,13 @@ def clear_target(frame: FrameState) -> None:
     gpu = frame.gpu
     samples = gpu.gl.most_samples if frame.plan.antialias is Antialias.MSAA else 0
     deep = frame.plan.deep
-    kind = Kind.DEEP if deep else Kind.PICTURE
+    marked = deep and frame.plan.translucent
+    kind = Kind.DEEP_MARKED if marked else Kind.DEEP if deep else Kind.PICTURE
     frame.target = gpu.targets.get(frame.tile.width * frame.scale, frame.tile.height * frame.scale, samples, kind=kind)
     framebuffer = frame.use_target(color=True, alpha=True, depth=True)
     gpu.gl.ignore_windings()
     gpu.gl.reverse_depth(deep)
     framebuffer.clear(depth=0.0 if deep else 1.0)
+    frame.marked = 0
+    if marked:
+        gpu.gl.clear_marks()

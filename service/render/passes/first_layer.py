@@ -2,7 +2,8 @@
 
 Image Precision Silhouette Edges, section 4: every face is drawn in a colour that is its number, and the pixels are read back. Departures:
 the numbers are integers in a target of their own; the picture's samples are counted, not its pixels; and a face that
-no sample falls on belongs to the layer when a neighbour that is turned the same way does (`kernels.line_faces`).
+no sample falls on belongs to the layer when a neighbour that is turned the same way does, while one whose samples
+rounding gave it does not (`kernels.line_faces`).
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from service.kernels.line_faces import mark_seen
+from service.kernels.line_faces import count_samples
 from service.render.passes.surface import surface_of
 from service.render.state import FrameState
 from service.render.targets import Kind
@@ -21,9 +22,9 @@ TILE_PX = 2048
 
 
 def find_first_layer(frame: FrameState) -> None:
-    """Make `frame.seen` (f,) u1: 1 for faces that are nearest somewhere in the picture."""
+    """Make `frame.samples` (f,) i4: where in the picture each face is nearest."""
     gpu, grid = frame.gpu, frame.plan.sample_grid
-    seen = np.zeros(len(frame.asset.faces), np.uint8)
+    samples = np.zeros(len(frame.asset.faces), np.int32)
     program = gpu.programs.get("loops", "number")
     array = surface_of(frame).array(gpu.ctx, program)
     for tile in frame.area.split(TILE_PX // grid):
@@ -42,6 +43,6 @@ def find_first_layer(frame: FrameState) -> None:
         gpu.gl.finish()
         numbers = gpu.pixel_buffer(4 * width * height)
         framebuffer.read_into(numbers, viewport=(0, 0, width, height), components=1, dtype="i4")
-        mark_seen(numbers.view(np.int32).reshape(height, width), seen)
+        count_samples(numbers.view(np.int32).reshape(height, width), samples)
     frame.tile = NOWHERE
-    frame.seen = seen
+    frame.samples = samples

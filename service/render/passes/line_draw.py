@@ -10,11 +10,8 @@ import moderngl
 from schemas.lines import LineStyle
 from service.render.state import LINEAR_TABLE, FrameState, Strokes, parse_color
 
-NEARER = 1.0 + 2.0**-20
-"""Factor on depth that makes a line nearer than itself, beyond rounding."""
-
 Draw = Callable[[dict[str, Any]], None]
-"""Draws with the uniforms `color` and `nearer` as given."""
+"""Draws with the uniform `color` as given."""
 
 
 def draw_strokes(frame: FrameState, strokes: Strokes) -> None:
@@ -30,27 +27,27 @@ def draw_strokes(frame: FrameState, strokes: Strokes) -> None:
         gpu.programs.set(program, origin=origin, pixel=frame.pixel(), range=gpu.gl.deep_range, **look)
         gpu.gl.draw(array)
 
-    draw_in_style(frame, strokes.style, draw, moderngl.NOTHING)
+    draw_in_style(frame, strokes.style, draw)
 
 
-def draw_in_style(frame: FrameState, style: LineStyle, draw: Draw, flags: int) -> None:
-    """Draw once, opaque; or first into depth alone and then what came out nearest, blended in linear light. flags: of moderngl, more."""
+def draw_in_style(frame: FrameState, style: LineStyle, draw: Draw) -> None:
+    """Draw opaque, or blended in linear light, every sample once (the stencil knows which have been)."""
     gpu, red_green_blue = frame.gpu, parse_color(style.color)
-    gpu.gl.ignore_windings()
-    gpu.ctx.enable_only(moderngl.DEPTH_TEST | flags)
     gpu.ctx.depth_func = ">="
     if style.opacity == 1.0:
+        gpu.gl.ignore_windings()
+        gpu.ctx.enable_only(moderngl.DEPTH_TEST)
         frame.use_target(color=True, alpha=True, depth=True)
-        draw({"color": (*(byte / 255.0 for byte in red_green_blue), 1.0), "nearer": 1.0})
+        draw({"color": (*(byte / 255.0 for byte in red_green_blue), 1.0)})
     elif style.opacity > 0.0:
-        frame.use_target(color=False, alpha=False, depth=True)
-        draw({"color": (0.0, 0.0, 0.0, 0.0), "nearer": 1.0})
-        frame.use_target(color=True, alpha=True, depth=True)
-        gpu.ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND | flags)
-        gpu.ctx.depth_func = ">"
+        frame.marked += 1
+        gpu.gl.mark_once(frame.marked)
+        gpu.ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         gpu.ctx.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
+        frame.use_target(color=True, alpha=True, depth=False)
         gpu.gl.blend_in_linear_light(True)
         linear = LINEAR_TABLE[list(red_green_blue)] * style.opacity
-        draw({"color": (*map(float, linear), style.opacity), "nearer": NEARER})
+        draw({"color": (*map(float, linear), style.opacity)})
         gpu.gl.blend_in_linear_light(False)
+        gpu.gl.ignore_windings()
     gpu.ctx.depth_func = ">"

@@ -16,6 +16,7 @@ from service.kernels.line_faces import (
     all_edges,
     choose_back,
     choose_grazing,
+    drop_ties,
     layer_by_facing,
     layer_by_sight,
     layer_edges,
@@ -32,18 +33,19 @@ GRAZING = 0.1
 
 
 def find_line_faces(frame: FrameState) -> None:
-    """Make `frame.back_faces`, or the edges that are drawn of them and for charcoal, in `frame.line_ends`."""
+    """Make `frame.layer`, and `frame.back_faces` or the edges that are drawn of them and for charcoal, in `frame.line_ends`."""
     lines, surface, eye = frame.plan.lines, frame.asset.line_surface, frame.view.eye
     assert lines is not None
     planes, positions, faces = surface.planes, surface.positions, surface.faces
     side = face_sides(planes, positions, faces, eye)
     layer, chosen = _nearest_layer(frame, side), np.empty(len(faces), np.int32)
+    frame.layer = layer
     if lines.silhouette is not None and lines.method is LineMethod.TRANSLATED:
         touched = np.empty(len(positions), np.uint8)
         touch(layer, faces, surface.open_vertices, touched)
         frame.back_faces = chosen[: choose_back(layer, touched, planes, positions, faces, eye, MOST_SINE, chosen)].copy()
     elif lines.silhouette is not None:
-        frame.line_ends["lines_back"] = _silhouette(surface, layer, side)
+        frame.line_ends["lines_back"] = _silhouette(surface, layer, side, int(lines.method is LineMethod.WIREFRAME))
     if lines.charcoal:
         grazing = chosen[: choose_grazing(layer, planes, positions, faces, eye, GRAZING, chosen)]
         frame.line_ends["charcoal"] = np.empty((3 * len(grazing), 4), np.int32)
@@ -54,17 +56,22 @@ def _nearest_layer(frame: FrameState, side: U1) -> U1:
     """(f,) u1."""
     surface = frame.asset.line_surface
     layer = np.empty(len(surface.faces), np.uint8)
-    if frame.seen is None:
+    if frame.samples is None:
         layer_by_facing(side, layer)
     else:
-        layer_by_sight(frame.seen, side, surface.turned, surface.faces, np.empty((len(surface.positions), 2), np.uint8), layer)
+        matrix, grid = frame.view.pixels, float(frame.plan.sample_grid)
+        drop_ties(frame.samples, matrix, grid, surface.positions, surface.faces, side, surface.turned, surface.inner[1])
+        layer_by_sight(frame.samples, side, surface.turned, surface.faces, np.empty((len(surface.positions), 2), np.uint8), layer)
     return layer
 
 
-def _silhouette(surface: LineSurface, layer: U1, side: U1) -> I4:
-    """(n, 4) i4 edges of faces behind the nearest layer that adjoin it, or may where nothing is known of what they adjoin."""
+def _silhouette(surface: LineSurface, layer: U1, side: U1, of_layer: int) -> I4:
+    """(n, 4) i4 edges between the nearest layer and faces behind it, and edges of those where nothing is known of what they adjoin.
+
+    of_layer: 1 for rows about the face that is of the layer, 0 for the other.
+    """
     (inner, beside), ending = surface.inner, surface.ending
     ends = np.empty((len(inner) + len(ending), 4), np.int32)
-    count = layer_edges(layer, side, surface.faces, inner, beside, ends)
+    count = layer_edges(layer, of_layer, side, surface.faces, inner, beside, ends)
     count += open_edges(layer, side, surface.faces, ending, ends[count:])
     return ends[:count]

@@ -23,6 +23,8 @@ ROUND_PX = 0.3
 """How far a round end may be off a circle, pixels."""
 NEARER_RADII, NEARER_PX = 3.0, 1.0
 """Strokes on edges are drawn nearer by so many radii and pixels, in pixels' sizes: the surface beside may rise 3 on each pixel."""
+MOST_RISE, SURE_PX = 1.0, 0.5
+"""A silhouette's edges are drawn nearer by what the surface beside rises, at most so much on each pixel, and by half a pixel's size."""
 FIT_MARGIN = 1.02
 
 
@@ -65,31 +67,33 @@ def pull_of(frame: FrameState, lines: Lines) -> tuple[float, float, float]:
     return (0.0, 0.0, amount) if lines.pull.by == "fixed" else (amount / (1.0 - amount), 0.0, 0.0)
 
 
-DEFAULT_PULL = {"fixed": 0.08, "z": 0.03, "offset": 6.0}
+DEFAULT_PULL = {"fixed": 0.05, "z": 0.02, "offset": 6.0}
 """Radii of the mesh; share of the distance; pixels along the face's slope."""
 
 
 def _wire_pen(frame: FrameState, lines: Lines, style: LineStyle) -> Pen:
     """Capsules, nearer by what was asked for or fits their width."""
     radius = 0.5 * style.width
+    (share, shift), by, rise = pixel_depth(frame.view), 0.0, 0.0
     if lines.pull.amount is None:
-        return _edge_pen(frame, lines, style)
-    share, shift, by = pull_of(frame, lines)
-    if lines.pull.by == "offset":
-        share, shift = (lines.pull.amount * each for each in pixel_depth(frame.view))
-    return Pen(radius, _reference(frame, lines), share, shift, by, _steps(radius), 0.0)
+        share, shift, rise = SURE_PX * share, SURE_PX * shift, MOST_RISE
+    elif lines.pull.by == "offset":
+        share, shift = lines.pull.amount * share, lines.pull.amount * shift
+    else:
+        share, shift, by = pull_of(frame, lines)
+    return Pen(radius, _reference(frame, lines), share, shift, by, _steps(radius), 0.0, rise)
 
 
 def _edge_pen(frame: FrameState, lines: Lines, style: LineStyle) -> Pen:
     radius = 0.5 * style.width
     nearer = NEARER_RADII * radius + NEARER_PX
     share, shift = pixel_depth(frame.view)
-    return Pen(radius, _reference(frame, lines), nearer * share, nearer * shift, 0.0, _steps(radius), 0.0)
+    return Pen(radius, _reference(frame, lines), nearer * share, nearer * shift, 0.0, _steps(radius), 0.0, 0.0)
 
 
 def _fat_pen(frame: FrameState, lines: Lines, style: LineStyle, least_gain: float) -> Pen:
     width = style.width * (_distance_factor(frame) if lines.declutter else 1.0)
-    return Pen(width, _reference(frame, lines), 0.0, 0.0, 0.0, _steps(width), least_gain)
+    return Pen(width, _reference(frame, lines), 0.0, 0.0, 0.0, _steps(width), least_gain, 0.0)
 
 
 def _distance_factor(frame: FrameState) -> float:
@@ -112,12 +116,12 @@ def _steps(radius: float) -> int:
 
 
 def _feature_strokes(frame: FrameState, view: StrokeView, lines: Lines) -> list[Strokes]:
-    """Those of boundaries, ridges and valleys."""
-    surface, made = frame.asset.line_surface, []
+    """Those of boundaries, ridges and valleys; what is silhouette already is not drawn again."""
+    surface, layer, made = frame.asset.line_surface, frame.layer, []
     for style, ends in (
         (lines.boundary, surface.boundary if lines.boundary else None),
-        (lines.valley, surface.sharp(lines.valley_deg, convex=False) if lines.valley else None),
-        (lines.ridge, surface.sharp(lines.ridge_deg, convex=True) if lines.ridge else None),
+        (lines.valley, surface.sharp(lines.valley_deg, layer, convex=False) if lines.valley else None),
+        (lines.ridge, surface.sharp(lines.ridge_deg, layer, convex=True) if lines.ridge else None),
     ):
         if style is not None and ends is not None:
             made.append(_strokes(frame, view, _edge_pen(frame, lines, style), ends, style, False))

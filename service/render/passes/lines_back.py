@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import moderngl
 import numpy as np
 
 from schemas.lines import LineMethod, Lines, LineStyle
@@ -53,7 +52,7 @@ def _draw_pulled(frame: FrameState, lines: Lines, style: LineStyle) -> None:
         gpu.ctx.enable_direct(POLYGON_OFFSET_FILL)
         amount = lines.pull.amount or DEFAULT_PULL["offset"]
         gpu.ctx.polygon_offset = (amount, 1.0)
-    draw_in_style(frame, style, draw, moderngl.NOTHING)
+    draw_in_style(frame, style, draw)
     if by_slope:
         gpu.ctx.polygon_offset = (0.0, 0.0)
         gpu.ctx.disable_direct(POLYGON_OFFSET_FILL)
