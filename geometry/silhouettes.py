@@ -123,6 +123,26 @@ def _settle(positions, faces, eye, side):
 
 
 @njit(cache=True, nogil=True)
+def face_sides(planes, positions, faces, eye):
+    """u1 bytes, 2 for each front-facing face and 0 for each other, decided exactly; zeros after the last fill the last word.
+
+    planes: `face_planes(positions, faces)`, eye (4,) f8.
+    """
+    n = faces.shape[0]
+    side = np.empty((n + _LANES - 1) // _LANES * _LANES, np.uint8)
+    side[n:] = 0
+    far = abs(eye[0]) + abs(eye[1]) + abs(eye[2])
+    if not far < FARTHEST_FLOAT:
+        side[:n] = 1
+    else:
+        bound = np.float32(PLANE_ERROR * (far + planes.farthest * eye[3])) + _TINY
+        px, py, pz, w = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2]), np.float32(eye[3])
+        _facing(planes.x, planes.y, planes.z, planes.d, px, py, pz, w, bound, side)
+    _settle(positions, faces, eye, side)
+    return side
+
+
+@njit(cache=True, nogil=True)
 def _differing(edge_faces, side, differs):
     """differs (e,) u1: 2 where the two faces of an edge differ, else 0."""
     for e in range(edge_faces.shape[0]):
@@ -152,13 +172,8 @@ def silhouette_simd(planes, positions, faces, edge_vertices, edge_faces, eye):
     far = abs(eye[0]) + abs(eye[1]) + abs(eye[2])
     if not far < FARTHEST_FLOAT:
         return silhouette_scalar(positions, faces, edge_vertices, edge_faces, eye)
-    n, e = faces.shape[0], edge_vertices.shape[0]
-    side = np.empty((n + _LANES - 1) // _LANES * _LANES, np.uint8)
-    side[n:] = 0
-    bound = np.float32(PLANE_ERROR * (far + planes.farthest * eye[3])) + _TINY
-    px, py, pz, w = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2]), np.float32(eye[3])
-    _facing(planes.x, planes.y, planes.z, planes.d, px, py, pz, w, bound, side)
-    _settle(positions, faces, eye, side)
+    e = edge_vertices.shape[0]
+    side = face_sides(planes, positions, faces, eye)
     differs = np.empty((e + _LANES - 1) // _LANES * _LANES, np.uint8)
     differs[e:] = 0
     _differing(edge_faces, side, differs)

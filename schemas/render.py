@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from schemas.lines import Lines
+
 MAX_SIDE_PX = 8192
 Vector = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 
@@ -85,6 +87,14 @@ class ShadingMode(StrEnum):
     MASK = "mask"
 
 
+class Fill(StrEnum):
+    """What surfaces under lines look like; whatever it is, they hide lines behind them."""
+
+    SHADED = "shaded"
+    WHITE = "white"
+    NONE = "none"
+
+
 class Shading(_Request):
     """Surface appearance."""
 
@@ -93,6 +103,7 @@ class Shading(_Request):
     use_mesh_color: bool = Field(True, description="use the mesh's own colours when it has them")
     light: Vector | None = Field(None, description="direction towards the light in camera space; default: up, right and behind the eye")
     ambient: FiniteFloat = Field(0.25, ge=0.0, le=1.0)
+    fill: Fill = Field(Fill.SHADED, description="under lines: the shaded surface, a white one, or nothing but the lines")
 
 
 class Antialias(StrEnum):
@@ -154,6 +165,7 @@ class RenderRequest(_Request):
     background: str = Field("transparent", pattern=r"^(transparent|#[0-9a-fA-F]{6})$")
     shading: Shading = Shading()
     accuracy: Accuracy = Accuracy()
+    lines: Lines | None = Field(None, description="lines in the picture, which then is drawn from the original mesh")
     format: ImageFormat | None = Field(None, description="overrides the Accept header")
 
 

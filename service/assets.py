@@ -25,6 +25,7 @@ from schemas.jobs import LATER_STAGES
 from schemas.ladder import Ladder
 from schemas.manifest import Manifest
 from schemas.mesh import Capability
+from service.line_surface import LineSurface
 from service.rungs import LEAST_SIDE, MOST_HALVINGS, HullFacts, RungTable, rung_table
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
@@ -155,6 +156,11 @@ class MeshAsset:
         count = len(self.normals)
         vertices = np.arange(count, dtype=np.int32) if self.normal_vertices is None else self.normal_vertices
         return SmoothSurface((self.positions, self.faces), (self.normals, vertices, self.shading_faces), self.edges)
+
+    @cached_property
+    def line_surface(self) -> LineSurface:
+        """The mesh as lines are found on it; it need not be closed."""
+        return LineSurface(self.positions, self.faces, self.edges)
 
     @cached_property
     def _edge_order(self) -> tuple[Array, Array]:

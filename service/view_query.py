@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from schemas.errors import InvalidRequestError
-from schemas.render import BUDGET, MAX_ERROR, Antialias, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
+from schemas.lines import LineMethod
+from schemas.render import BUDGET, MAX_ERROR, Antialias, Fill, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
 from service.errors import InvalidFieldsError, invalid_fields
 
 Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
 
+LineKind = Literal["silhouette", "boundary", "ridge", "valley"]
 QUERY_NAMES = {
     "camera.eye": "eye",
     "camera.target": "target",
@@ -39,6 +41,13 @@ QUERY_NAMES = {
     "accuracy.level": "level",
     "accuracy.hull_faces": "hull_faces",
     "accuracy.texels": "texels",
+    "shading.fill": "fill",
+    "lines": "lines",
+    "lines.method": "lines",
+    "lines.orientation": "line_orientation",
+    "lines.charcoal": "charcoal",
+    "lines.declutter": "declutter",
+    **{f"lines.{kind}.{field}": f"line_{field}" for kind in get_args(LineKind) for field in ("width", "color", "opacity")},
     "max_error_px": "max_error",
     "project.width": "width",
     "project.height": "height",
@@ -46,6 +55,7 @@ QUERY_NAMES = {
 """Field of a request body -> query parameter."""
 
 ORBIT_ONLY = ("azimuth", "elevation", "distance")
+LINES_ONLY = {"line_kinds", "line_width", "line_color", "line_opacity", "line_orientation", "charcoal", "declutter"}
 EYE_ONLY = ("target", "up", "projection", "height_units")
 
 
@@ -123,6 +133,16 @@ class RenderQuery(CameraQuery):
     hull_faces: int | None = Field(None, description="draw the mesh's hull whose number of faces is nearest to this", examples=[1000])
     texels: int | None = Field(None, description="draw with maps of at most so many texels a side, or the smallest", examples=[512])
 
+    fill: Fill = Field(Fill.SHADED, description="under lines: the shaded surface, a white one, or nothing but the lines")
+    lines: LineMethod | None = Field(None, description="lines in the picture, and how they are drawn", examples=["fattened"])
+    line_kinds: str = Field("silhouette,boundary", description="which: silhouette, boundary, ridge, valley, with commas between")
+    line_width: float = Field(1.5, description="pixels", examples=[2.0])
+    line_color: str = Field("000000", description="rrggbb", examples=["203040"])
+    line_opacity: float = Field(1.0, description="0 to 1")
+    line_orientation: Literal["trusted", "any"] = Field("trusted", description="`any`: faces may be turned any way")
+    charcoal: bool = Field(False, description="only `fattened`: rims of faces seen nearly edge-on too")
+    declutter: bool = Field(False, description="only `fattened`: thinner lines where the mesh is far away")
+
     def request(self, image_format: ImageFormat) -> RenderRequest:
         """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
         return _checked(
@@ -137,7 +157,9 @@ class RenderQuery(CameraQuery):
                 "use_mesh_color": self.mesh_color,
                 "light": None if self.light is None else vector(self.light, "light"),
                 "ambient": self.ambient,
+                "fill": self.fill,
             },
+            lines=self._lines(),
             accuracy={
                 "antialias": self.antialias,
                 "source": self.source,
@@ -151,6 +173,20 @@ class RenderQuery(CameraQuery):
             },
             format=image_format,
         )
+
+    def _lines(self) -> dict[str, Any] | None:
+        """The lines as the request body has them. Raises InvalidRequestError for kinds that there are not, or looks without lines."""
+        if self.lines is None:
+            for name in sorted(self.model_fields_set & LINES_ONLY):
+                raise InvalidRequestError(f"{name} needs lines, which says how they are drawn.", field=name)
+            return None
+        kinds = {kind.strip() for kind in self.line_kinds.split(",")}
+        if not kinds <= set(get_args(LineKind)):
+            raise InvalidRequestError("line_kinds must be of silhouette, boundary, ridge and valley.", field="line_kinds")
+        style = {"width": self.line_width, "color": _hash(self.line_color), "opacity": self.line_opacity}
+        given = {kind: style if kind in kinds else None for kind in get_args(LineKind)}
+        more = {"charcoal": self.charcoal, "declutter": self.declutter, "orientation": self.line_orientation}
+        return {"method": self.lines, **given, **more}
 
 
 def vector(text: str, field: str) -> list[float]:

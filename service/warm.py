@@ -24,6 +24,7 @@ from schemas import artifacts
 from schemas.artifacts import Layout
 from schemas.conventions import Array
 from schemas.errors import SilhouetteError
+from schemas.lines import Lines
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability
 from schemas.render import (
@@ -107,7 +108,7 @@ def warm(renderer: Renderer) -> None:
         with tempfile.TemporaryDirectory(prefix="silhouette-warm-") as folder:
             store = Store(Path(folder))
             asset = octahedron(store)
-            for request in _requests():
+            for request in (*_requests(), *_line_requests()):
                 renderer.submit(asset, request).result()
             _extract_together(asset)
             for edges in (asset.edges, None):
@@ -143,6 +144,17 @@ def _requests() -> Iterator[RenderRequest]:
     yield RenderRequest(width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(smooth=True))
     for antialias in (Antialias.COVERAGE, Antialias.LINE):
         yield RenderRequest(camera=BESIDE, width=SIDE_PX, height=SIDE_PX, accuracy=Accuracy(source=Source.CLIPPED, antialias=antialias))
+
+
+def _line_requests() -> Iterator[RenderRequest]:
+    """Every kernel that lines take: with faces that are trusted and with faces that are looked for."""
+    sharp = {"ridge": {}, "valley": {}, "ridge_deg": 1.0, "valley_deg": 1.0}
+    for lines in (
+        {"method": "translated", "orientation": "any"},
+        {"method": "wireframe", **sharp},
+        {"method": "fattened", "charcoal": True},
+    ):
+        yield RenderRequest(width=SIDE_PX, height=SIDE_PX, lines=Lines.model_validate(lines))
 
 
 def _scenes() -> Iterator[SceneRequest]:

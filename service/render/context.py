@@ -47,6 +47,11 @@ _FRAMEBUFFER_COMPLETE = 0x8CD5
 _TEXTURE_2D, _TEXTURE_2D_MULTISAMPLE, _TEXTURE0 = 0x0DE1, 0x9100, 0x84C0
 _MIN_FILTER, _MAG_FILTER, _MAX_LEVEL, _NEAREST = 0x2801, 0x2800, 0x813D, 0x2600
 _UNSIGNED_INT = 0x1405
+_DEPTH32F, _DEPTH32F_STENCIL8, _DEPTH_ATTACHMENT = 0x8CAC, 0x8CAD, 0x8D00
+_NOT_EQUAL, _REPLACE = 0x0205, 0x1E01
+_LOWER_LEFT, _ZERO_TO_ONE, _NEGATIVE_ONE_TO_ONE = 0x8CA1, 0x935F, 0x935E
+_COLOR, _DEPTH = 0x1800, 0x1801
+CLIP_CONTROL = "GL_ARB_clip_control"
 
 _U, _I = ctypes.c_uint, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
@@ -77,6 +82,8 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "glTexImage2D": (None, _U, _I, _I, _I, _I, _I, _U, _U, ctypes.c_void_p),
     "glTexImage2DMultisample": (None, _U, _I, _U, _I, _I, _U),
     "glCheckFramebufferStatus": (_U, _U),
+    "glClearBufferiv": (None, _U, _I, ctypes.POINTER(_I)),
+    "glClearBufferfv": (None, _U, _I, ctypes.POINTER(ctypes.c_float)),
 }
 
 
@@ -123,6 +130,9 @@ class GlContext:
         self._gl: dict[str, Callable[..., Any]] = {
             name: ctypes.CFUNCTYPE(*signature)(native.load(name)) for name, signature in _SIGNATURES.items()
         }
+        self._clip_control: Callable[..., Any] | None = None
+        if self.ctx.version_code >= 450 or CLIP_CONTROL in self.ctx.extensions:
+            self._clip_control = ctypes.CFUNCTYPE(None, _U, _U)(native.load("glClipControl"))
         # a surface nearer than the near plane is still in front of the eye
         self._gl["glEnable"](_DEPTH_CLAMP)
         self.most_samples = min(4, int(self.ctx.max_samples))
@@ -223,12 +233,15 @@ class GlContext:
 
     def attach_depth_stencil(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
         """Give a framebuffer a depth and stencil buffer, 24 + 8 bits; the name to delete it by."""
+        return self._attach(framebuffer, size, samples, _DEPTH24_STENCIL8, _DEPTH_STENCIL_ATTACHMENT)
+
+    def _attach(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int, layout: int, place: int) -> int:
         name = _U()
         self._gl["glGenRenderbuffers"](1, ctypes.byref(name))
         self._gl["glBindRenderbuffer"](_RENDERBUFFER, name)
-        self._gl["glRenderbufferStorageMultisample"](_RENDERBUFFER, samples, _DEPTH24_STENCIL8, *size)
+        self._gl["glRenderbufferStorageMultisample"](_RENDERBUFFER, samples, layout, *size)
         self._gl["glBindFramebuffer"](_FRAMEBUFFER, framebuffer.glo)
-        self._gl["glFramebufferRenderbuffer"](_FRAMEBUFFER, _DEPTH_STENCIL_ATTACHMENT, _RENDERBUFFER, name)
+        self._gl["glFramebufferRenderbuffer"](_FRAMEBUFFER, place, _RENDERBUFFER, name)
         self._require_complete(size, samples, lambda: self.delete_renderbuffer(name.value))
         return name.value
 
@@ -269,9 +282,36 @@ class GlContext:
         """Whether shaders give linear light to sRGB targets, and blending works on it; otherwise both are of sRGB bytes."""
         self._gl["glEnable" if on else "glDisable"](_FRAMEBUFFER_SRGB)
 
+    def attach_float_depth(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
+        """Give a framebuffer a depth buffer of 32-bit floats and no stencil; the name to delete it by."""
+        return self._attach(framebuffer, size, samples, _DEPTH32F, _DEPTH_ATTACHMENT)
+
+    def attach_float_depth_stencil(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
+        """The same with a stencil of 8 bits."""
+        return self._attach(framebuffer, size, samples, _DEPTH32F_STENCIL8, _DEPTH_STENCIL_ATTACHMENT)
+
     def delete_renderbuffer(self, name: int) -> None:
         """Delete what `attach_depth_stencil` made."""
         self._gl["glDeleteRenderbuffers"](1, ctypes.byref(_U(name)))
+
+    @property
+    def deep_range(self) -> tuple[float, float]:
+        """(scale, shift) from a depth that is 1 at the eye and falls to 0 to the clip coordinate it has while depth is reversed."""
+        return (2.0, -1.0) if self._clip_control is None else (1.0, 0.0)
+
+    def reverse_depth(self, reversed_: bool) -> None:
+        """From now on the larger depth is the nearer one, and floats near 0 keep apart what is far; or the smaller one, as usual.
+
+        Without clip control depths still are from -1 to 1 before they are stored, which costs the far ones their bits.
+        """
+        if self._clip_control is not None:
+            self._clip_control(_LOWER_LEFT, _ZERO_TO_ONE if reversed_ else _NEGATIVE_ONE_TO_ONE)
+        self.ctx.depth_func = ">" if reversed_ else "<"
+
+    def clear_numbers(self) -> None:
+        """Clear the bound framebuffer of integers to zero, and its reversed depth."""
+        self._gl["glClearBufferiv"](_COLOR, 0, (_I * 4)(0, 0, 0, 0))
+        self._gl["glClearBufferfv"](_DEPTH, 0, ctypes.byref(ctypes.c_float(0.0)))
 
     def count_windings(self) -> None:
         """Clear the stencil to zero windings; from now on front faces add one and back faces take one away."""
@@ -300,6 +340,18 @@ class GlContext:
         self._gl["glStencilFunc"](function, value, 0xFF)
         self._gl["glStencilOpSeparate"](_FRONT, _KEEP, _KEEP, _KEEP)
         self._gl["glStencilOpSeparate"](_BACK, _KEEP, _KEEP, _KEEP)
+
+    def clear_marks(self) -> None:
+        """Clear the stencil of the bound framebuffer to zero."""
+        self._gl["glClearStencil"](0)
+        self._gl["glClear"](_STENCIL_BUFFER_BIT)
+
+    def mark_once(self, number: int) -> None:
+        """From now on draw each sample once, however often it is drawn to with this number (1 to 255)."""
+        self._gl["glEnable"](_STENCIL_TEST)
+        self._gl["glStencilFunc"](_NOT_EQUAL, number, 0xFF)
+        self._gl["glStencilOpSeparate"](_FRONT, _KEEP, _KEEP, _REPLACE)
+        self._gl["glStencilOpSeparate"](_BACK, _KEEP, _KEEP, _REPLACE)
 
     def ignore_windings(self) -> None:
         """Draw everywhere again."""

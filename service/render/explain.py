@@ -39,7 +39,7 @@ def explain(request: RenderRequest, asset: MeshAsset, costs: CostModel) -> PlanR
 
 def _frame_ms(plan: Plan, of_passes: dict[str, float]) -> float:
     """The whole frame's; the sum of its passes where it is not what the rung always does."""
-    whole = plan.area.width and plan.mode is not ShadingMode.MASK and not plan.smooth
+    whole = plan.area.width and plan.mode is not ShadingMode.MASK and not plan.smooth and plan.lines is None
     return plan.choice.predicted_ms if whole else sum(of_passes.values())
 
 
@@ -48,6 +48,8 @@ def _why(request: RenderRequest, asset: MeshAsset, view: View, plan: Plan) -> st
     accuracy = request.accuracy
     if not plan.area.width:
         return "nothing of the mesh is in view"
+    if plan.lines is not None:
+        return "lines are drawn on the original mesh"
     if accuracy.budget_ms is not None or accuracy.max_error_px is not None:
         return _why_chosen(accuracy, plan.choice.missed)
     if plan.source is Source.CLIPPED:
@@ -70,6 +72,16 @@ def _why_chosen(accuracy: Accuracy, missed: tuple[str, ...]) -> str:
     return f"the most accurate{kept} that is predicted to fit into {budget}"
 
 
+_LINE_REASONS = {
+    "first_layer": "which faces are nearest is seen, since facing does not tell",
+    "line_faces": "the silhouette is where faces behind adjoin the nearest layer",
+    "line_strokes": "lines have a width in pixels",
+    "charcoal": "faces seen nearly edge-on were asked to be fatter",
+    "lines_back": "back faces are drawn as the silhouette's lines",
+    "line_edges": "edges were asked for whatever the view",
+}
+
+
 def _reason(name: str, plan: Plan, asset: MeshAsset) -> str:
     """Why a pass is in a plan."""
     outline = "the mesh" if plan.level is None else f"a level of {len(plan.level.level.faces)} faces, within the error asked for"
@@ -89,11 +101,11 @@ def _reason(name: str, plan: Plan, asset: MeshAsset) -> str:
         "outline": "lines along the silhouette smooth its alpha",
         "interior": "alpha inside is the stencil's",
         "coverage": "alpha is the area of the silhouette in each pixel",
-        "resolve": f"{plan.sample_grid**2} samples become one pixel",
+        "resolve": f"{plan.sample_grid**2} samples become one pixel" if plan.sample_grid > 1 else "what was blended becomes straight alpha",
         "read": "the GL's pixels are needed in memory",
         "composite": "one flat colour under the mask" if bare else "colour and alpha become one picture",
     }
-    return reasons[name]
+    return {**reasons, **_LINE_REASONS}[name]
 
 
 def _absence(name: str, plan: Plan) -> str:
@@ -102,6 +114,8 @@ def _absence(name: str, plan: Plan) -> str:
         return "nothing is in view"
     if name in ("surface", "rim", "hull") and plan.mode is ShadingMode.MASK:
         return "only the mask was asked for"
+    if name in _LINE_REASONS:
+        return "no lines of this kind were asked for" if plan.lines else "no lines were asked for"
     outlined = "edges" in plan.passes
     if name in ("edges", "loops", "segments", "stencil", "outline", "interior", "coverage") and not outlined:
         return "the GL's own samples make the outline"

@@ -15,12 +15,19 @@ from service.camera import View, resolve_camera
 from service.render.bands import draw_in_bands
 from service.render.context import NO_WORK, GlWork
 from service.render.passes.background import make_background
+from service.render.passes.charcoal import draw_charcoal
 from service.render.passes.clear import clear_target
 from service.render.passes.composite import compose
 from service.render.passes.coverage import make_coverage
+from service.render.passes.edge_mesh import draw_edge_mesh
 from service.render.passes.edges import find_edges
+from service.render.passes.first_layer import find_first_layer
 from service.render.passes.hull import place_hull
 from service.render.passes.interior import fill_interior
+from service.render.passes.line_edges import draw_line_edges
+from service.render.passes.line_faces import find_line_faces
+from service.render.passes.line_strokes import make_line_strokes
+from service.render.passes.lines_back import draw_lines_back
 from service.render.passes.loops import make_loops
 from service.render.passes.outline import draw_outline
 from service.render.passes.read import read_pixels
@@ -55,9 +62,16 @@ FRAME = (
     Pass("segments", project_segments),
     Pass("smooth", smooth_outline),
     Pass("hull", place_hull),
+    Pass("first_layer", find_first_layer, draws=True),
+    Pass("line_faces", find_line_faces),
+    Pass("line_strokes", make_line_strokes),
     Pass("clear", clear_target, each_tile=True, draws=True),
     Pass("stencil", count_windings, each_tile=True, draws=True),
     Pass("surface", draw_surface, each_tile=True, draws=True),
+    Pass("charcoal", draw_charcoal, each_tile=True, draws=True),
+    Pass("lines_back", draw_lines_back, each_tile=True, draws=True),
+    Pass("line_edges", draw_line_edges, each_tile=True, draws=True),
+    Pass("edge_mesh", draw_edge_mesh, each_tile=True, draws=True),
     Pass("rim", draw_rim, each_tile=True, draws=True),
     Pass("interior", fill_interior, each_tile=True, draws=True),
     Pass("outline", draw_outline, each_tile=True, draws=True),
@@ -166,7 +180,7 @@ def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, 
     times = Timed(gpu, true_times)
     _draw(frame, [step for step in FRAME if step.name in plan.passes], times)
     ms = (time.perf_counter() - start) * 1e3
-    if frame.area.width and plan.mode is not ShadingMode.MASK and not plan.smooth:
+    if frame.area.width and plan.mode is not ShadingMode.MASK and not plan.smooth and plan.lines is None:
         edges = len(frame.edges) if plan.level is None and "edges" in plan.passes else None
         gpu.costs.observe(asset, plan.choice.number, plan.terms(view), ms, edges)
     passes, work = tuple(times.ms.items()), gpu.gl.work - before
@@ -195,9 +209,4 @@ def _draw(frame: FrameState, steps: list[Pass], times: Timed) -> None:
 
 def tiles_of(plan: Plan, area: Tile) -> list[Tile]:
     """The tiles that cover a rectangle of the image; none when it is empty."""
-    side = TILE_SAMPLES // plan.sample_grid
-    return [
-        Tile(x, y, min(side, area.x + area.width - x), min(side, area.y + area.height - y))
-        for y in range(area.y, area.y + area.height, side)
-        for x in range(area.x, area.x + area.width, side)
-    ]
+    return area.split(TILE_SAMPLES // plan.sample_grid)

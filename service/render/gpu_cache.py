@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar, cast
 
@@ -23,6 +23,35 @@ Fields = list[tuple[str, str, int]]
 _GL_FORMAT = {"<f4": "f", "|u1": "f1"}
 
 
+class ChosenFaces:
+    """Indices that are given anew for every frame, over vertices that stay."""
+
+    def __init__(self) -> None:
+        self._indices: moderngl.Buffer | None = None
+        self._arrays: dict[moderngl.Program, moderngl.VertexArray] = {}
+
+    def array(self, gl: GlContext, program: moderngl.Program, content: tuple[Any, ...], corners: I4) -> moderngl.VertexArray:
+        """corners (k, 3) i4 of the vertices that `content` says."""
+        if self._indices is None or self._indices.size < corners.nbytes:
+            self.release()
+            self._indices = gl.ctx.buffer(reserve=2 * corners.nbytes, dynamic=True)
+        gl.fill(self._indices, corners)
+        if program not in self._arrays:
+            self._arrays[program] = gl.ctx.vertex_array(program, [content], self._indices)
+        array = self._arrays[program]
+        array.vertices = corners.size
+        return array
+
+    def release(self) -> None:
+        """Delete the indices."""
+        for array in self._arrays.values():
+            array.release()
+        self._arrays.clear()
+        if self._indices is not None:
+            self._indices.release()
+            self._indices = None
+
+
 @dataclass(frozen=True)
 class Surface:
     """A drawable surface. fields: its vertex attributes, without the prefix "in_". definitions: for the surface shaders.
@@ -37,6 +66,7 @@ class Surface:
     nbytes: int
     edge_ends: Array | None = None
     arrays: dict[moderngl.Program, moderngl.VertexArray] = field(default_factory=dict)
+    chosen: ChosenFaces = field(default_factory=ChosenFaces)
 
     def array(self, ctx: moderngl.Context, program: moderngl.Program) -> moderngl.VertexArray:
         """The surface as input of a program."""
@@ -45,8 +75,14 @@ class Surface:
             self.arrays[program] = ctx.vertex_array(program, [(self.vertices, layout, *names)], self.indices)
         return self.arrays[program]
 
+    def some_faces(self, gl: GlContext, program: moderngl.Program, corners: I4) -> moderngl.VertexArray:
+        """A few of its faces as input of a program; they last until the next call. corners: (k, 3) i4 rows of its vertices."""
+        layout, names = attributes(self.fields, "in_", set(program))
+        return self.chosen.array(gl, program, (self.vertices, layout, *names), corners)
+
     def release(self) -> None:
         """Delete everything in it."""
+        self.chosen.release()
         for one in (*self.arrays.values(), *self.textures.values(), self.vertices, self.indices):
             if one is not None:
                 one.release()
@@ -80,7 +116,7 @@ class GpuCache:
     def __init__(self, gl: GlContext, capacity_mib: int) -> None:
         self._gl, self._capacity = gl, capacity_mib << 20
         self._largest_texture = int(gl.ctx.info["GL_MAX_TEXTURE_SIZE"])
-        self._kept: OrderedDict[Hashable, _Kept] = OrderedDict()
+        self._kept: OrderedDict[tuple[Any, ...], _Kept] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -100,7 +136,7 @@ class GpuCache:
         """The edges of the mesh."""
         return self._keep((asset.id, "edge mesh"), lambda: EdgeMesh.of(self._gl, asset))
 
-    def _keep(self, key: Hashable, make: Callable[[], T]) -> T:
+    def _keep(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
         """What is kept under the key, made if it is not there, as the latest."""
         if key not in self._kept:
             self._kept[key] = make()

@@ -8,12 +8,14 @@ import numpy as np
 
 from schemas.conventions import F8
 from schemas.errors import CapabilityError, InvalidRequestError
+from schemas.lines import LineMethod, Lines
 from schemas.render import Accuracy, Antialias, RenderRequest, ShadingMode, Source
 from service.assets import MeshAsset
 from service.camera import View
 from service.costs import GRID, NOMINAL, CostModel, ViewTerms
 from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
 from service.render.choice import CERTAIN, Choice, choose, why_not_clipped
+from service.render.line_plan import is_translucent, line_passes, lined, lines_asked, reach_px
 from service.rungs import ALWAYS, DRAWN, SILHOUETTE, is_outlined, passes_of
 from service.silhouette.levels import LevelInView
 from service.tile import BORDER, Tile
@@ -23,7 +25,7 @@ from service.tile import BORDER, Tile
 class Plan:
     """What one frame does. choice: the rung, and why. passes: names, in no order (`frame.FRAME` has the order); only the background
     when nothing is in view. closed: back faces cannot be seen. smooth: the outline is that of the surface with interpolated normals.
-    area: the part of the image that can have anything of the mesh in it.
+    area: the part of the image that can have anything of the mesh in it. lines: that are drawn over it, if any.
     """
 
     choice: Choice
@@ -32,6 +34,7 @@ class Plan:
     closed: bool
     area: Tile
     smooth: bool = False
+    lines: Lines | None = None
 
     @property
     def source(self) -> Source:
@@ -74,8 +77,18 @@ class Plan:
 
     @property
     def error_px(self) -> float | None:
-        """How far the outline may be off the mesh's, pixels; None for a smooth one, which means to be off."""
-        return None if self.smooth else self.choice.error_px
+        """How far the outline may be off the mesh's, pixels; None for a smooth one or one of lines, which mean to be off."""
+        return None if self.smooth or self.lines is not None else self.choice.error_px
+
+    @property
+    def translucent(self) -> bool:
+        """Whether lines are blended with what is behind them."""
+        return self.lines is not None and is_translucent(self.lines)
+
+    @property
+    def deep(self) -> bool:
+        """Whether depth is in floats, and reversed (`service.render.deep`)."""
+        return self.lines is not None and self.lines.method is not LineMethod.EDGE_MESH
 
     @property
     def sample_grid(self) -> int:
@@ -93,9 +106,12 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
     its rung does not exist.
     """
     accuracy, mode = request.accuracy, request.shading.mode
+    lines = lines_asked(request)
+    if lines is not None:
+        accuracy = lined(accuracy)
     if accuracy.smooth:
         accuracy = _smoothed(accuracy, asset, view.eye)
-    area = visible_area(asset, view)
+    area = visible_area(asset, view, 0 if lines is None else reach_px(lines, view))
     choice = choose(accuracy, asset, view, ViewTerms(area.pixels, view.width * view.height), costs or _NOMINAL)
     source, antialias = choice.rung.source, choice.rung.antialias
     if not area.width:
@@ -107,19 +123,23 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
     if accuracy.smooth and area.width:
         passes |= {"smooth"}
     closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, view.eye))
-    return Plan(choice, mode, passes, closed, area, accuracy.smooth)
+    if lines is not None:
+        closed = closed and lines.orientation == "trusted"
+        passes |= line_passes(lines, asset, closed) if area.width else frozenset()
+    return Plan(choice, mode, passes, closed, area, accuracy.smooth, lines)
 
 
-def visible_area(asset: MeshAsset, view: View) -> Tile:
-    """The part of the image that can have anything of the mesh in it; empty (no width) when none can.
+def visible_area(asset: MeshAsset, view: View, reach: int = 0) -> Tile:
+    """The part of the image that can have anything of the mesh in it; empty (no width) when none can. reach: pixels by which what is
+    drawn may leave the mesh.
 
     Whatever is drawn, the mesh is inside its hull, whose vertices bound it better than a box does.
     """
     points = asset.corners if asset.hull is None else asset.hull["positions"]
-    kind, x0, y0, x1, y1 = screen_bounds(view.matrix, points, view.width, view.height, BORDER)
+    kind, x0, y0, x1, y1 = screen_bounds(view.matrix, points, view.width, view.height, BORDER + reach)
     whole = Tile(0, 0, view.width, view.height)
     if kind == SOME:
-        return whole.within((x0, y0), (x1, y1))
+        return whole.within((x0, y0), (x1, y1), BORDER + reach)
     return whole if kind == UNKNOWN else Tile(0, 0, 0, 0)
 
 

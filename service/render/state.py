@@ -12,12 +12,14 @@ import moderngl
 import numpy as np
 
 from schemas.conventions import F4, F8, I4, U1, Array
+from schemas.lines import LineStyle
 from schemas.render import RenderRequest
 from service.assets import DrawnHull, MeshAsset
 from service.camera import View
 from service.costs import NOMINAL, CostModel
 from service.kernels.compositing import linear_table
 from service.render.context import GlContext
+from service.render.deep import depth_row
 from service.render.gpu_cache import GpuCache
 from service.render.hull_cache import HullCache, PlacedHull
 from service.render.plan import Plan
@@ -142,10 +144,22 @@ class Gpu:
         self.gl.release()
 
 
+@dataclass(frozen=True)
+class Strokes:
+    """Lines that look the same. corners: (n, 3) f4 x, y in image pixels and depth (`kernels.strokes`), indices: (3 k,) i4 triangles."""
+
+    style: LineStyle
+    corners: F4
+    indices: I4
+
+
 @dataclass
 class FrameState:
     """One frame under way. background: sRGB bytes, None when transparent. area: the part of the image that can have anything
     of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn.
+
+    marked: kinds of lines that have been blended. samples: (f,) i4, how many of the picture each face has. layer: (f,) u1, faces of the
+    nearest layer. back_faces: (k,) i4, faces that are drawn as lines. line_ends, strokes: by the pass that draws them.
     """
 
     gpu: Gpu
@@ -165,6 +179,12 @@ class FrameState:
     tile: Tile = NOWHERE
     target: Target | None = None
     placed: PlacedHull | None = None
+    marked: int = 0
+    samples: I4 | None = None
+    layer: U1 | None = None
+    back_faces: I4 = field(default_factory=lambda: np.empty(0, np.int32))
+    line_ends: dict[str, I4] = field(default_factory=dict)
+    strokes: dict[str, list[Strokes]] = field(default_factory=dict)
     drawn: U1 | None = None
 
     @property
@@ -225,6 +245,9 @@ class FrameState:
         """
         t, view = self.tile, self.view
         m = view.matrix.copy()
+        if self.plan.deep:
+            scale, shift = self.gpu.gl.deep_range
+            m[2] = scale * depth_row(view) + shift * m[3]
         m[0] = (view.width / t.width) * m[0] + ((view.width - 2.0 * t.x) / t.width - 1.0) * m[3]
         m[1] = (-view.height / t.height) * m[1] + ((view.height - 2.0 * t.y) / t.height - 1.0) * m[3]
         middle = np.zeros(3)

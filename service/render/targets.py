@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from enum import Enum
 
 import moderngl
 
@@ -15,15 +16,33 @@ MOST_TARGETS = 8
 SRGB8_ALPHA8 = 0x8C43
 
 
+class Kind(Enum):
+    """What a framebuffer is for.
+
+    PICTURE: sRGB bytes, 24 bits of depth, stencil. READABLE: the same, with a depth that shaders can read. DEEP: sRGB bytes and floats
+    of depth. DEEP_MARKED: and stencil. NUMBERS: an integer a pixel, floats of depth.
+    """
+
+    PICTURE = "picture"
+    READABLE = "picture, depth in a texture"
+    DEEP = "deep"
+    DEEP_MARKED = "deep, marked"
+    NUMBERS = "numbers"
+
+
 @dataclass(frozen=True)
 class Target:
-    """A framebuffer with colour (sRGB bytes, linear when sampled), and depth and stencil in a texture. size: (width, height), pixels."""
+    """A framebuffer with colour (sRGB bytes, linear when sampled) or 32-bit integers, and a depth buffer.
+
+    depth: its name, of a texture where it can be read. size: (width, height), pixels.
+    """
 
     framebuffer: moderngl.Framebuffer
     color: moderngl.Texture
-    depth_stencil: int
+    depth: int
     size: tuple[int, int]
     samples: int
+    kind: Kind
 
 
 class Targets:
@@ -31,22 +50,22 @@ class Targets:
 
     def __init__(self, gl: GlContext) -> None:
         self._gl = gl
-        self._kept: OrderedDict[tuple[int, int, int, bool], Target] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, int, int, bool, Kind], Target] = OrderedDict()
         self._over: dict[int, tuple[moderngl.Framebuffer, int]] = {}
 
     def __len__(self) -> int:
         return len(self._kept)
 
-    def get(self, width: int, height: int, samples: int = 0, *, apart: bool = False) -> Target:
+    def get(self, width: int, height: int, samples: int = 0, *, apart: bool = False, kind: Kind = Kind.PICTURE) -> Target:
         """A framebuffer of at least width x height pixels; what is in it is anything.
 
         apart: not the one of the same size that is given without, which may be read while this one is drawn to.
         """
-        key = (-(-width // SIZE_STEP) * SIZE_STEP, -(-height // SIZE_STEP) * SIZE_STEP, samples, apart)
+        key = (-(-width // SIZE_STEP) * SIZE_STEP, -(-height // SIZE_STEP) * SIZE_STEP, samples, apart, kind)
         if key not in self._kept:
             while len(self._kept) >= MOST_TARGETS:
                 self._delete(self._kept.popitem(last=False)[1])
-            self._kept[key] = self._make(key[:2], samples)
+            self._kept[key] = self._make(key[:2], samples, kind)
         self._kept.move_to_end(key)
         return self._kept[key]
 
@@ -55,26 +74,37 @@ class Targets:
         while self._kept:
             self._delete(self._kept.popitem()[1])
 
-    def _make(self, size: tuple[int, int], samples: int) -> Target:
-        color = self._gl.ctx.texture(size, 4, samples=samples, internal_format=SRGB8_ALPHA8)
+    def _make(self, size: tuple[int, int], samples: int, kind: Kind) -> Target:
+        if kind is Kind.NUMBERS:
+            color = self._gl.ctx.texture(size, 1, dtype="i4")
+        else:
+            color = self._gl.ctx.texture(size, 4, samples=samples, internal_format=SRGB8_ALPHA8)
         framebuffer = self._gl.ctx.framebuffer([color])
         framebuffer.depth_mask = True
-        return Target(framebuffer, color, self._gl.attach_depth_texture(framebuffer, size, samples), size, samples)
+        gl = self._gl
+        attach = {
+            Kind.PICTURE: gl.attach_depth_stencil,
+            Kind.READABLE: gl.attach_depth_texture,
+            Kind.DEEP_MARKED: gl.attach_float_depth_stencil,
+        }.get(kind, gl.attach_float_depth)
+        return Target(framebuffer, color, attach(framebuffer, size, samples), size, samples, kind)
 
     def over(self, target: Target) -> moderngl.Framebuffer:
-        """For drawing over a target's colour while its depth is read: a framebuffer with a depth buffer of its own, with anything in it."""
-        if target.depth_stencil not in self._over:
+        """For drawing over a READABLE target's colour while its depth is read: a framebuffer with a depth buffer of its own, with
+        anything in it."""
+        if target.depth not in self._over:
             framebuffer = self._gl.ctx.framebuffer([target.color])
             framebuffer.depth_mask = True
             own = self._gl.attach_depth_stencil(framebuffer, target.size, target.samples)
-            self._over[target.depth_stencil] = framebuffer, own
-        return self._over[target.depth_stencil][0]
+            self._over[target.depth] = framebuffer, own
+        return self._over[target.depth][0]
 
     def _delete(self, target: Target) -> None:
-        framebuffer, own = self._over.pop(target.depth_stencil, (None, 0))
+        framebuffer, own = self._over.pop(target.depth, (None, 0)) if target.kind is Kind.READABLE else (None, 0)
         if framebuffer is not None:
             framebuffer.release()
             self._gl.delete_renderbuffer(own)
         target.framebuffer.release()
         target.color.release()
-        self._gl.delete_texture(target.depth_stencil)
+        delete = self._gl.delete_texture if target.kind is Kind.READABLE else self._gl.delete_renderbuffer
+        delete(target.depth)

@@ -23,6 +23,7 @@ import numpy as np
 from schemas.lines import Lines, LineStyle
 from service.camera import View
 from service.render.edge_mesh import EdgeMesh
+from service.render.line_plan import reference_depth
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
 NEAREST_PART = 1e-3
@@ -37,13 +38,13 @@ Styles = Sequence[LineStyle | None]
 
 
 def draw_edge_mesh(frame: FrameState) -> None:
-    """Draw the lines that `frame.request.lines` asks for over the surface in the target, whose depth says which are hidden.
+    """Draw the lines of the plan over the surface in the target, whose depth says which are hidden.
 
     Raises RuntimeError when there is no target.
     """
-    lines: Lines | None = getattr(frame.request, "lines", None)
-    if lines is not None:
-        draw_lines_of(frame, frame.gpu.cache.edge_mesh(frame.asset), lines)
+    lines = frame.plan.lines
+    assert lines is not None
+    draw_lines_of(frame, frame.gpu.cache.edge_mesh(frame.asset), lines)
 
 
 def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
@@ -56,7 +57,7 @@ def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
     gpu, target = frame.gpu, frame.target
     program = _program(frame, mesh, lines, styles)
     gpu.programs.set(program, **frame.placement(), **_geometry(frame, lines, styles), depth=0, positions=1)
-    gpu.gl.use_depth_texture(target.depth_stencil, target.samples, 0)
+    gpu.gl.use_depth_texture(target.depth, target.samples, 0)
     mesh.positions.use(1)
     framebuffer = gpu.targets.over(target)
     framebuffer.viewport = (0, 0, frame.tile.width * frame.scale, frame.tile.height * frame.scale)
@@ -71,26 +72,14 @@ def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
         _draw_translucent(frame, mesh, program, styles)
 
 
-def reach_px(lines: Lines, view: View) -> float:
-    """How far lines may be beyond the mesh in the image, pixels."""
-    styles = (lines.silhouette, lines.boundary, lines.ridge, lines.valley)
-    widest = max([0.0, *(max(style.width, LEAST_WIDTH) for style in styles if style is not None)])
-    return 0.5 * widest * _most_widened(lines, view)
-
-
 def _most_widened(lines: Lines, view: View) -> float:
     """What the nearest lines are wider by than is asked for."""
-    return min(WIDEST, max(1.0, _width_at(view) / view.near)) if _follows(lines, view) else 1.0
+    return min(WIDEST, max(1.0, reference_depth(view) / view.near)) if _follows(lines, view) else 1.0
 
 
 def _follows(lines: Lines, view: View) -> bool:
     """Whether widths follow the distance."""
     return lines.scale == "distance" and not view.orthographic
-
-
-def _width_at(view: View) -> float:
-    """Clip w of the middle of the mesh, where widths are those that are asked for."""
-    return max(float(view.matrix[3, 3]), view.near)
 
 
 def _draw_opaque(frame: FrameState, mesh: EdgeMesh, program: moderngl.Program, styles: Styles) -> None:
@@ -173,7 +162,7 @@ def _geometry(frame: FrameState, lines: Lines, styles: Styles) -> dict[str, Any]
         "reach": (1.0 + 2.0 * beyond / size[0], 1.0 + 2.0 * beyond / size[1]),
         "half_widths": tuple(half_widths),
         "least_half_width": 0.5 * LEAST_WIDTH,
-        "width_at": _width_at(view) if _follows(lines, view) else 0.0,
+        "width_at": reference_depth(view) if _follows(lines, view) else 0.0,
         "widest": WIDEST,
         "least_w": 0.5 if view.orthographic else NEAREST_PART * view.near,
         "pixel_depth": _pixel_depth(view) / scale,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from schemas.render import Antialias, ShadingMode
+from schemas.render import Antialias, Fill, ShadingMode
 from service.render.gpu_cache import Surface
 from service.render.passes.light import light_of
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
+WHITE = "#ffffff"
 SHOW = {ShadingMode.LAMBERT: "SHOW_LAMBERT", ShadingMode.NORMAL: "SHOW_NORMAL", ShadingMode.MASK: "SHOW_FLAT"}
 
 
@@ -17,8 +18,9 @@ def draw_surface(frame: FrameState) -> None:
     """Draw the surface with depth test into colour; alpha too, unless it holds an outline already."""
     gpu, plan = frame.gpu, frame.plan
     surface = surface_of(frame)
-    program = shaded_program(frame, surface, "surface")
-    frame.use_target(color=True, alpha=plan.antialias is not Antialias.LINE, depth=True)
+    shown = frame.request.shading.fill is not Fill.NONE
+    program = shaded_program(frame, surface, "surface") if shown else _depth_program(frame)
+    frame.use_target(color=shown, alpha=shown and plan.antialias is not Antialias.LINE, depth=True)
     if "stencil" in plan.passes and plan.antialias is Antialias.NONE:
         gpu.gl.keep_positive_windings()
     else:
@@ -31,17 +33,30 @@ def draw_surface(frame: FrameState) -> None:
 def surface_of(frame: FrameState) -> Surface:
     """The surface that the plan draws, in the GL."""
     shading = frame.request.shading
-    colored = shading.use_mesh_color and shading.mode is ShadingMode.LAMBERT
+    plain = shading.mode is not ShadingMode.LAMBERT or shading.fill is not Fill.SHADED or _charcoal(frame)
+    colored = shading.use_mesh_color and not plain
     return frame.gpu.cache.get(frame.asset, frame.plan.hull, colored=colored, halvings=frame.plan.halvings)
+
+
+def _charcoal(frame: FrameState) -> bool:
+    return frame.plan.lines is not None and frame.plan.lines.charcoal
+
+
+def _depth_program(frame: FrameState) -> moderngl.Program:
+    program = frame.gpu.programs.get("loops", "opaque")
+    frame.gpu.programs.set(program, **frame.placement())
+    return program
 
 
 def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl.Program:
     """The program `vertex` with the surface's shading, all uniforms and textures set."""
     shading = frame.request.shading
-    definitions = {SHOW[shading.mode]} | (set() if frame.plan.closed else {"TWO_SIDED"})
+    white, charcoal = shading.fill is Fill.WHITE, _charcoal(frame)
+    show = "SHOW_FLAT" if white else "SHOW_CHARCOAL" if charcoal else SHOW[shading.mode]
+    definitions = {show} | (set() if frame.plan.closed else {"TWO_SIDED"})
     placed = {} if frame.view.normal_matrix is None else {"normal_matrix": frame.view.normal_matrix.T.astype(np.float32).tobytes()}
     program = frame.gpu.programs.get(vertex, "surface", surface.definitions | definitions | {name.upper() for name in placed})
-    color = LINEAR_TABLE[list(parse_color(shading.color))].astype(np.float64)
+    color = LINEAR_TABLE[list(parse_color(WHITE if white else shading.color))].astype(np.float64)
     frame.gpu.programs.set(
         program,
         **frame.placement(),
@@ -49,6 +64,7 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
         base_root=tuple((color ** (1.0 / 2.4)).tolist()),
         light=light_of(frame),
         ambient=shading.ambient,
+        eye=tuple(frame.view.eye.tolist()),
         **placed,
         **{name: unit for unit, name in enumerate(surface.textures)},
     )

@@ -1,5 +1,5 @@
 // The mean of a pixel's samples in linear light, weighted by their alpha, as straight sRGB. MULTISAMPLED: of a multisampled
-// texture of SAMPLES samples; otherwise of a box of 2 HALF_SCALE x 2 HALF_SCALE texels, four at a time by bilinear lookups
+// texture of SAMPLES samples; otherwise of a box of 2 HALF_SCALE x 2 HALF_SCALE texels (one texel for 0), four at a time by bilinear lookups
 // (texels that were not drawn are zero in every channel, so that the lookup's mean is premultiplied).
 //! include srgb.part.glsl
 #ifdef MULTISAMPLED
@@ -18,6 +18,8 @@ vec4 mean_of_samples() {
         total += texelFetch(samples, at, i);
     }
     return total / float(SAMPLES);
+#elif HALF_SCALE == 0
+    return texelFetch(samples, ivec2(gl_FragCoord.xy), 0);
 #else
     vec2 corner = floor(gl_FragCoord.xy) * float(2 * HALF_SCALE) + 1.0;
     for (int y = 0; y < HALF_SCALE; y++) {

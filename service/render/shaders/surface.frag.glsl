@@ -1,5 +1,6 @@
 // Colour of a surface as sRGB bytes, opaque. Definitions: NORMAL_MAP (otherwise NORMAL), COLOR_MAP and COLOR (their product;
-// neither: base_color), TWO_SIDED, NORMAL_MATRIX (the surface is placed in a scene), and one of SHOW_LAMBERT, SHOW_NORMAL, SHOW_FLAT.
+// neither: base_color), TWO_SIDED, NORMAL_MATRIX (the surface is placed in a scene), and one of SHOW_LAMBERT, SHOW_NORMAL, SHOW_FLAT,
+// SHOW_CHARCOAL (the grey of Image Precision Silhouette Edges, section 4).
 //! include srgb.part.glsl
 uniform vec3 base_color;  // linear
 uniform vec3 base_root;   // base_color to the power of 1 / 2.4
@@ -7,6 +8,9 @@ uniform vec3 light;       // unit, towards the light, along the axes that normal
 uniform float ambient;
 #ifdef NORMAL_MATRIX
 uniform mat3 normal_matrix;
+#endif
+#ifdef SHOW_CHARCOAL
+in vec3 to_eye;
 #endif
 #ifdef NORMAL
 in vec3 normal;
@@ -54,6 +58,8 @@ vec3 surface_color() {
 void main() {
 #if defined(SHOW_NORMAL)
     fragment = vec4(surface_normal() * 0.5 + 0.5, 1.0);
+#elif defined(SHOW_CHARCOAL)
+    fragment = vec4(vec3((1.0 + dot(normalize(to_eye), surface_normal())) / 3.0), 1.0);
 #elif defined(SHOW_FLAT)
     fragment = vec4(srgb_from_linear(base_color), 1.0);
 #else

@@ -2,6 +2,10 @@
 //! include srgb.part.glsl
 //! include placed.part.glsl
 in vec3 in_position;
+#ifdef SHOW_CHARCOAL
+uniform vec4 eye;
+out vec3 to_eye;
+#endif
 #ifdef NORMAL
 in vec3 in_normal;
 out vec3 normal;
@@ -17,6 +21,9 @@ out vec3 color;
 
 void main() {
     gl_Position = placed(in_position);
+#ifdef SHOW_CHARCOAL
+    to_eye = normalize(eye.xyz - eye.w * in_position);
+#endif
 #ifdef NORMAL
     normal = in_normal;
 #endif

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,16 +13,12 @@ from schemas.render import Accuracy, RenderRequest, Shading
 from service.assets import MeshAsset
 from service.camera import View, project, resolve_camera, to_pixels
 from service.render.frame import FRAME, tiles_of
-from service.render.passes.edge_mesh import draw_edge_mesh, draw_lines_of, reach_px
+from service.render.passes.edge_mesh import draw_lines_of
 from service.render.plan import plan_frame
 from service.render.state import FrameState, parse_color
 from tests import meshes
 
 WHITE = Shading(color="#ffffff", ambient=1.0)
-
-
-class LinedRequest(RenderRequest):
-    lines: Lines = Lines()
 
 
 @dataclass
@@ -39,12 +34,11 @@ def drawn_with_lines(gpu, asset, lines, *, mesh=None, antialias="none", size=(20
     """The original with lines over it; mesh: an edge mesh instead of the asset's own."""
     accuracy = Accuracy(source="original", antialias=antialias)
     fields = {"shading": WHITE, "lines": Lines(**lines)} | fields
-    request = LinedRequest(width=size[0], height=size[1], accuracy=accuracy, background=background, **fields)
+    request = RenderRequest(width=size[0], height=size[1], accuracy=accuracy, background=background, **fields)
     view = resolve_camera(request.camera, asset.frame, *size, asset.radius)
     plan = plan_frame(request, asset, view, gpu.costs)
     color = None if background == "transparent" else parse_color(background)
-    area = plan.area.grown(math.ceil(reach_px(request.lines, view)), *size)
-    frame = FrameState(gpu, asset, request, plan, view, color, area=area)
+    frame = FrameState(gpu, asset, request, plan, view, color, area=plan.area)
     work = gpu.gl.work - gpu.gl.work
     steps = [step for step in FRAME if step.name in plan.passes]
     for step in steps:
@@ -53,12 +47,11 @@ def drawn_with_lines(gpu, asset, lines, *, mesh=None, antialias="none", size=(20
     for tile in tiles_of(plan, frame.area):
         frame.tile = tile
         for step in steps:
-            if step.each_tile:
-                step.make(frame)
-            if step.name == "surface":
-                before = gpu.gl.work
-                draw_edge_mesh(frame) if mesh is None else draw_lines_of(frame, mesh, request.lines)
-                work += gpu.gl.work - before
+            if not step.each_tile:
+                continue
+            before = gpu.gl.work
+            draw_lines_of(frame, mesh, request.lines) if step.name == "edge_mesh" and mesh is not None else step.make(frame)
+            work += gpu.gl.work - before if step.name == "edge_mesh" else work - work
     gpu.gl.check()
     return Lined(frame.image, view, work)
 

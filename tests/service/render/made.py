@@ -91,3 +91,19 @@ def unclippable(name: str = "bumpy") -> MeshAsset:
         f"open {name}", frame, positions, half, vertex_normals(positions, half), None, None, None, None, None,
         Capability(available=False, reason=reason),
     )  # fmt: skip
+
+
+@cache
+def bare(name: str) -> MeshAsset:
+    """A closed shape with its edges, and nothing that clipping needs."""
+    return without_hull(name, SHAPES[name]())
+
+
+def without_hull(name, mesh, closed=True) -> MeshAsset:
+    """A mesh that cannot be clipped, closed or not."""
+    positions, faces, frame = meshes.normalised(mesh)
+    edges = build_edges(faces) if closed else None
+    return MeshAsset(
+        f"bare {name}", frame, positions, faces, vertex_normals(positions, faces), None,
+        None if edges is None else (edges.vertices, edges.faces), None, None, None, Capability(available=False, reason="not prepared"),
+    )  # fmt: skip

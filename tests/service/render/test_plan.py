@@ -17,8 +17,8 @@ OUTSIDE = np.array([3.0, 2.0, 4.0, 1.0])
 INSIDE = np.array([0.1, 0.0, 0.0, 1.0])
 
 
-def plan(asset=None, eye=OUTSIDE, mode="lambert", **accuracy):
-    request = RenderRequest(accuracy=Accuracy(**accuracy), shading=Shading(mode=mode))
+def plan(asset=None, eye=OUTSIDE, mode="lambert", lines=None, fill="shaded", **accuracy):
+    request = RenderRequest(accuracy=Accuracy(**accuracy), shading=Shading(mode=mode, fill=fill), lines=lines)
     asset = asset or clippable("sphere")
     return plan_frame(request, asset, seen_from(asset, eye))
 
@@ -101,7 +101,8 @@ def test_every_pass_is_in_some_plan_and_every_plan_in_the_frame():
         for s in ("auto", "original")
         for name in plan(mode=mode, antialias=a, source=s).passes
     }
-    assert used | plan(smooth=True).passes == set(names)
+    drawn = {"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}
+    assert used | plan(smooth=True).passes | plan(lines=drawn).passes == set(names)
 
 
 def test_clipping_can_be_insisted_on():

@@ -1,0 +1,77 @@
+"""Which faces make the silhouette's lines.
+
+Image Precision Silhouette Edges, section 3: the layer behind the nearest one, whose intersection with that is the silhouette. Departure,
+which section 6 asks for: of the faces behind, only those are drawn that adjoin the nearest layer, or (translated) are seen nearly
+edge-on; others would be hidden, or show through a surface that is thinner than they are pulled.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.silhouettes import face_sides
+from schemas.conventions import I4, U1
+from schemas.lines import LineMethod
+from service.kernels.line_faces import (
+    all_edges,
+    choose_back,
+    choose_grazing,
+    drop_ties,
+    layer_by_facing,
+    layer_by_sight,
+    layer_edges,
+    open_edges,
+    touch,
+)
+from service.line_surface import LineSurface
+from service.render.state import FrameState
+
+MOST_SINE = 0.3
+"""|V . N| of the farthest from edge-on that pulled faces are drawn: they can widen a line by 1/20 of the radius of curvature."""
+GRAZING = 0.1
+"""|V . N| below which charcoal makes front faces fatter (section 4)."""
+
+
+def find_line_faces(frame: FrameState) -> None:
+    """Make `frame.layer`, and `frame.back_faces` or the edges that are drawn of them and for charcoal, in `frame.line_ends`."""
+    lines, surface, eye = frame.plan.lines, frame.asset.line_surface, frame.view.eye
+    assert lines is not None
+    planes, positions, faces = surface.planes, surface.positions, surface.faces
+    side = face_sides(planes, positions, faces, eye)
+    layer, chosen = _nearest_layer(frame, side), np.empty(len(faces), np.int32)
+    frame.layer = layer
+    if lines.silhouette is not None and lines.method is LineMethod.TRANSLATED:
+        touched = np.empty(len(positions), np.uint8)
+        touch(layer, faces, surface.open_vertices, touched)
+        frame.back_faces = chosen[: choose_back(layer, touched, planes, positions, faces, eye, MOST_SINE, chosen)].copy()
+    elif lines.silhouette is not None:
+        frame.line_ends["lines_back"] = _silhouette(surface, layer, side, int(lines.method is LineMethod.WIREFRAME))
+    if lines.charcoal:
+        grazing = chosen[: choose_grazing(layer, planes, positions, faces, eye, GRAZING, chosen)]
+        frame.line_ends["charcoal"] = np.empty((3 * len(grazing), 4), np.int32)
+        all_edges(grazing, side, faces, frame.line_ends["charcoal"])
+
+
+def _nearest_layer(frame: FrameState, side: U1) -> U1:
+    """(f,) u1."""
+    surface = frame.asset.line_surface
+    layer = np.empty(len(surface.faces), np.uint8)
+    if frame.samples is None:
+        layer_by_facing(side, layer)
+    else:
+        matrix, grid = frame.view.pixels, float(frame.plan.sample_grid)
+        drop_ties(frame.samples, matrix, grid, surface.positions, surface.faces, side, surface.turned, surface.inner[1])
+        layer_by_sight(frame.samples, side, surface.turned, surface.faces, np.empty((len(surface.positions), 2), np.uint8), layer)
+    return layer
+
+
+def _silhouette(surface: LineSurface, layer: U1, side: U1, of_layer: int) -> I4:
+    """(n, 4) i4 edges between the nearest layer and faces behind it, and edges of those where nothing is known of what they adjoin.
+
+    of_layer: 1 for rows about the face that is of the layer, 0 for the other.
+    """
+    (inner, beside), ending = surface.inner, surface.ending
+    ends = np.empty((len(inner) + len(ending), 4), np.int32)
+    count = layer_edges(layer, of_layer, side, surface.faces, inner, beside, ends)
+    count += open_edges(layer, side, surface.faces, ending, ends[count:])
+    return ends[:count]

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from schemas.errors import InvalidRequestError
+from schemas.render import RenderRequest
+from service.costs import NOMINAL, CostModel
+from service.render.explain import explain
+from service.render.frame import FRAME
+from service.render.plan import plan_frame
+from tests.service.render.made import bare, seen_from, unclippable
+
+OUTSIDE, INSIDE = np.array([3.0, 2.0, 4.0, 1.0]), np.array([0.1, 0.0, 0.0, 1.0])
+PLAIN = {"background", "clear", "surface", "resolve", "read", "composite"}
+
+
+def plan(lines, asset=None, eye=OUTSIDE, **request):
+    asset = asset or bare("sphere")
+    return plan_frame(RenderRequest(lines=lines, **request), asset, seen_from(asset, eye))
+
+
+def added(lines, **more):
+    return plan(lines, **more).passes - PLAIN
+
+
+def test_lines_are_drawn_on_the_original_with_samples():
+    assert plan({"method": "wireframe"}).rung == "original/msaa"
+    for antialias in ("none", "msaa", "ssaa"):
+        assert plan({"method": "wireframe"}, accuracy={"antialias": antialias}).rung == f"original/{antialias}"
+    assert plan({"method": "wireframe"}).error_px is None
+
+
+def test_each_effect_adds_its_own_passes_and_no_other():
+    strokes = {"line_faces", "line_strokes", "lines_back"}
+    assert added({"method": "wireframe"}) == strokes
+    assert added({"method": "fattened"}) == strokes
+    assert added({"method": "translated"}) == {"line_faces", "lines_back"}
+    assert added({"method": "fattened", "charcoal": True}) == strokes | {"charcoal"}
+    assert added({"method": "fattened", "orientation": "any"}) == strokes | {"first_layer"}
+    assert added({"method": "fattened", "silhouette": None}) == set()
+    for kind in ("ridge", "valley"):
+        assert added({"method": "fattened", "silhouette": None, kind: {}}) == {"line_strokes", "line_edges"}
+
+
+def test_boundaries_are_drawn_only_where_there_are_any():
+    assert "line_edges" not in added({"method": "wireframe"})
+    assert "line_edges" in added({"method": "wireframe"}, asset=unclippable())
+    assert "line_edges" not in added({"method": "wireframe", "boundary": None}, asset=unclippable())
+
+
+def test_the_nearest_layer_is_looked_for_where_facing_does_not_tell():
+    assert "first_layer" in added({"method": "fattened"}, asset=unclippable())
+    assert "first_layer" in added({"method": "fattened"}, eye=INSIDE)
+
+
+def test_a_picture_without_lines_has_none_of_their_passes():
+    for asset in (bare("sphere"), unclippable()):
+        assert not plan(None, asset=asset).passes & LINE_PASSES
+
+
+LINE_PASSES = {"first_layer", "line_faces", "line_strokes", "charcoal", "lines_back", "line_edges"}
+
+
+def test_translucent_lines_are_resolved_even_without_samples():
+    style = {"opacity": 0.5}
+    assert "resolve" in plan({"method": "wireframe", "silhouette": style}, accuracy={"antialias": "none"}).passes
+    assert "resolve" not in plan({"method": "wireframe"}, accuracy={"antialias": "none"}).passes
+
+
+@pytest.mark.parametrize(
+    ("lines", "request_", "field"),
+    [
+        ({"method": "wireframe"}, {"accuracy": {"source": "clipped"}}, "accuracy.source"),
+        ({"method": "wireframe"}, {"accuracy": {"antialias": "coverage"}}, "accuracy.antialias"),
+        ({"method": "wireframe"}, {"accuracy": {"antialias": "line"}}, "accuracy.antialias"),
+        ({"method": "wireframe"}, {"accuracy": {"smooth": True}}, "accuracy.smooth"),
+        ({"method": "wireframe"}, {"accuracy": {"max_error_px": 1.0}}, "accuracy.max_error_px"),
+        ({"method": "wireframe"}, {"accuracy": {"budget_ms": 1.0}}, "accuracy.budget_ms"),
+        ({"method": "wireframe"}, {"accuracy": {"level": 0}}, "accuracy.level"),
+        ({"method": "wireframe"}, {"shading": {"mode": "mask"}}, "shading.mode"),
+        ({"method": "wireframe", "charcoal": True}, {}, "lines.charcoal"),
+        ({"method": "translated", "declutter": True}, {}, "lines.declutter"),
+        ({"method": "fattened", "pull": {"amount": 0.1}}, {}, "lines.pull"),
+        ({"method": "translated", "pull": {"amount": 1.0}}, {}, "lines.pull.amount"),
+        ({"method": "fattened", "charcoal": True}, {"shading": {"fill": "white"}}, "shading.fill"),
+        (None, {"shading": {"fill": "white"}}, "shading.fill"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_its_field(lines, request_, field):
+    with pytest.raises(InvalidRequestError) as caught:
+        plan(lines, **request_)
+    assert caught.value.where["field"] == field
+
+
+def test_an_edge_mesh_is_one_pass_more_for_whatever_it_shows():
+    assert added({}) == {"edge_mesh"}
+    assert added({"method": "edge_mesh", "orientation": "any", "ridge": {"opacity": 0.5}}, asset=unclippable()) == {"edge_mesh"}
+
+
+def test_the_area_holds_what_lines_have_beyond_the_mesh():
+    narrow, wide = (plan({"method": "fattened", "silhouette": {"width": width}}).area for width in (1.0, 60.0))
+    assert wide.width >= narrow.width + 2 * 58
+
+
+def test_plans_with_lines_are_told_with_a_reason_and_a_cost_for_every_pass():
+    order = [step.name for step in FRAME]
+    for lines in ({"method": "translated"}, {"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}):
+        report = explain(RenderRequest(lines=lines), bare("sphere"), CostModel("a device", NOMINAL))
+        names, left_out = [one.name for one in report.passes], [one.name for one in report.left_out]
+        assert sorted(names + left_out, key=order.index) == order
+        assert all(one.why for one in report.passes + report.left_out)
+        assert all(one.predicted_ms > 0.0 for one in report.passes)
+        assert "original" in report.why
