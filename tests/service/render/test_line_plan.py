@@ -59,7 +59,7 @@ def test_a_picture_without_lines_has_none_of_their_passes():
         assert not plan(None, asset=asset).passes & LINE_PASSES
 
 
-LINE_PASSES = {"first_layer", "line_faces", "line_strokes", "charcoal", "lines_back", "line_edges"}
+LINE_PASSES = {"edge_mesh", "first_layer", "line_faces", "line_strokes", "charcoal", "lines_back", "line_edges"}
 
 
 def test_translucent_lines_are_resolved_even_without_samples():
