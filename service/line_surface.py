@@ -11,7 +11,9 @@ from geometry.features import Features, find_features, turned_like_neighbours
 from geometry.silhouettes import FacePlanes, face_planes
 from schemas.conventions import F4, I4, U1
 
-NONE = np.zeros((0, 2), np.int32)
+NO_EDGES, NO_CORNERS = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
+for none in (NO_EDGES, NO_CORNERS):
+    none.setflags(write=False)
 
 
 class LineSurface:
@@ -27,8 +29,11 @@ class LineSurface:
 
     @cached_property
     def features(self) -> Features:
-        """Its edges, by what is beside them."""
-        return find_features(self.positions, self.faces)
+        """Its edges, by what is beside them; read-only, as mapped ones are: to kernels another type."""
+        found = find_features(self.positions, self.faces)
+        for array in (found.boundary, found.ending, found.inner, found.beside):
+            array.setflags(write=False)
+        return found
 
     @property
     def inner(self) -> tuple[I4, I4]:
@@ -38,12 +43,12 @@ class LineSurface:
     @property
     def ending(self) -> I4:
         """(n,) i4: where the surface ends, 3 face + corner that the edge starts at."""
-        return self.features.ending if self._edges is None else NONE[:, 0]
+        return self.features.ending if self._edges is None else NO_CORNERS
 
     @property
     def boundary(self) -> I4:
         """(b, 2) i4 edges where the surface ends."""
-        return self.features.boundary if self._edges is None else NONE
+        return self.features.boundary if self._edges is None else NO_EDGES
 
     @cached_property
     def open_vertices(self) -> U1:

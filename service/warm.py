@@ -11,6 +11,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -108,8 +109,11 @@ def warm(renderer: Renderer) -> None:
         with tempfile.TemporaryDirectory(prefix="silhouette-warm-") as folder:
             store = Store(Path(folder))
             asset = octahedron(store)
-            for request in (*_requests(), *_line_requests()):
+            for request in _requests():
                 renderer.submit(asset, request).result()
+            for request in _line_requests():
+                for one in (asset, replace(asset, id="loose", edges=None, hull=None, maps=None, tree=None)):
+                    renderer.submit(one, request).result()
             _extract_together(asset)
             for edges in (asset.edges, None):
                 find_edges(asset.positions, asset.faces, edges)
@@ -147,7 +151,7 @@ def _requests() -> Iterator[RenderRequest]:
 
 
 def _line_requests() -> Iterator[RenderRequest]:
-    """Every kernel that lines take: with faces that are trusted and with faces that are looked for."""
+    """Every kernel that lines take, with faces that are trusted and with faces that are looked for."""
     sharp = {"ridge": {}, "valley": {}, "ridge_deg": 1.0, "valley_deg": 1.0}
     for lines in (
         {"method": "translated", "orientation": "any"},

@@ -93,14 +93,18 @@ def touch(layer, faces, open_vertices, touched):
 
 
 @njit(cache=True, nogil=True)
-def sine_to(planes, positions, faces, f, eye):
-    """|V . N| of a face for V the unit direction from the eye (4,) f8 to its first corner; 0 for faces without a normal."""
+def is_grazing(planes, positions, faces, f, eye, most_sine):
+    """Whether |V . N| of a face is below most_sine, for V the unit direction from the eye (4,) f8 to its first corner.
+
+    Faces without a normal are: they are seen edge-on from everywhere.
+    """
     x, y, z = np.float64(planes.x[f]), np.float64(planes.y[f]), np.float64(planes.z[f])
     if eye[3] == 0.0:
-        return abs(x * eye[0] + y * eye[1] + z * eye[2])
+        return abs(x * eye[0] + y * eye[1] + z * eye[2]) < most_sine
+    height = x * eye[0] + y * eye[1] + z * eye[2] + planes.d[f]
     a = faces[f, 0]
     dx, dy, dz = positions[a, 0] - eye[0], positions[a, 1] - eye[1], positions[a, 2] - eye[2]
-    return abs(x * dx + y * dy + z * dz) / max(np.sqrt(dx * dx + dy * dy + dz * dz), 1e-300)
+    return height * height < most_sine * most_sine * (dx * dx + dy * dy + dz * dz)
 
 
 @njit(cache=True, nogil=True)
@@ -111,7 +115,7 @@ def choose_back(layer, touched, planes, positions, faces, eye, most_sine, chosen
         if layer[f]:
             continue
         adjoins = touched[faces[f, 0]] | touched[faces[f, 1]] | touched[faces[f, 2]]
-        if adjoins or (most_sine > 0.0 and sine_to(planes, positions, faces, f, eye) <= most_sine):
+        if adjoins or is_grazing(planes, positions, faces, f, eye, most_sine):
             chosen[count] = f
             count += 1
     return count
@@ -122,7 +126,7 @@ def choose_grazing(layer, planes, positions, faces, eye, most_sine, chosen):
     """Numbers of faces of the nearest layer that are seen within most_sine of edge-on, into chosen; their count."""
     count = 0
     for f in range(layer.shape[0]):
-        if layer[f] and sine_to(planes, positions, faces, f, eye) < most_sine:
+        if layer[f] and is_grazing(planes, positions, faces, f, eye, most_sine):
             chosen[count] = f
             count += 1
     return count

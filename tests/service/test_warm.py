@@ -6,6 +6,7 @@ import pkgutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from numba.core.dispatcher import Dispatcher
@@ -13,6 +14,7 @@ from numba.core.dispatcher import Dispatcher
 from schemas.render import Accuracy, Antialias, ProjectTo, RenderRequest, SilhouetteRequest, Source
 from schemas.scene import SceneRequest
 from service import kernels
+from service.assets import MeshAsset
 from service.render.renderer import Renderer
 from service.scene.draw import drawing_of
 from service.scene.plan import plan_scene
@@ -41,6 +43,17 @@ def forms() -> Iterator[str]:
                 yield from (f"{found.name}.{name}{signature}" for signature in kernel.signatures)
 
 
+def ask_for_lines(renderer: Renderer, asset: MeshAsset) -> None:
+    """By every method, on the closed mesh and on what is left of it without its edges."""
+    kinds = {"ridge": {}, "valley": {}, "ridge_deg": 5.0, "valley_deg": 5.0}
+    for method in ("wireframe", "translated", "fattened"):
+        for orientation in ("trusted", "any"):
+            for one in (asset, replace(asset, id="open", edges=None, hull=None, maps=None, tree=None)):
+                lines = {"method": method, "orientation": orientation, "charcoal": method == "fattened", **kinds}
+                for camera in CAMERAS:
+                    renderer.submit(one, RenderRequest(camera=camera, lines=lines)).result()
+
+
 def ask_for_everything(renderer: Renderer) -> None:
     """Pictures and silhouettes of a real asset, from far, near and within."""
     from tests.service.render.made import clippable
@@ -48,6 +61,7 @@ def ask_for_everything(renderer: Renderer) -> None:
     asset = clippable("joined")
     for array in (asset.positions, asset.faces, asset.normals, *(asset.edges or ()), *(asset.hull or {}).values()):
         array.flags.writeable = False  # as arrays of a file are: to numba another type
+    ask_for_lines(renderer, asset)
     for camera in CAMERAS:
         for side in (8, 256):
             for antialias in (Antialias.COVERAGE, Antialias.LINE, Antialias.NONE):

@@ -26,8 +26,8 @@ from service.kernels.line_faces import (
 from service.line_surface import LineSurface
 from service.render.state import FrameState
 
-MOST_SINE = 0.3
-"""|V . N| of the farthest from edge-on that pulled faces are drawn: they can widen a line by 1/20 of the radius of curvature."""
+MOST_SINE = 0.2
+"""|V . N| of the farthest from edge-on that pulled faces are drawn: they can widen a line by 1/50 of the radius of curvature."""
 GRAZING = 0.1
 """|V . N| below which charcoal makes front faces fatter (section 4)."""
 

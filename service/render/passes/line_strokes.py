@@ -129,7 +129,7 @@ def _feature_strokes(frame: FrameState, view: StrokeView, lines: Lines) -> list[
 
 
 def _strokes(frame: FrameState, view: StrokeView, pen: Pen, ends: I4, style: LineStyle, fattened: bool) -> Strokes:
-    corners = corners_of(fattened, pen.steps)
+    corners, ends = corners_of(fattened, pen.steps), np.require(ends, requirements=["C", "W"])
     vertices, indices = np.empty((len(ends) * corners, 3), np.float32), np.empty(len(ends) * 3 * (corners - 2), np.int32)
-    count = make_strokes(view, pen, frame.asset.positions, np.ascontiguousarray(ends), fattened, vertices, indices)
+    count = make_strokes(view, pen, frame.asset.positions, ends, fattened, vertices, indices)
     return Strokes(style, vertices[: count * corners], indices[: count * 3 * (corners - 2)])
