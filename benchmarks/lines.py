@@ -20,7 +20,6 @@ import numpy as np
 
 from benchmarks.models import mesh_file
 from benchmarks.report import markdown_table, mesh_parser, number, report, times
-from schemas.errors import CapabilityError
 from schemas.lines import LineMethod, Lines
 from schemas.mesh import PreprocessOptions
 from schemas.render import Accuracy, Antialias, RenderRequest, Source
@@ -31,8 +30,8 @@ from service.render.state import Gpu
 from worker.load import load_mesh
 
 PLAIN = "plain"
-BARS = {"wireframe": 1.65, "translated": 1.32, "fattened": 5.7}
-"""Ratios that Image Precision Silhouette Edges, section 5, had."""
+BARS = {"wireframe": 1.65, "translated": 1.32, "fattened": 5.7, "edge_mesh": 2.5}
+"""Ratios that Image Precision Silhouette Edges, section 5, had; and what is asked of the edge mesh."""
 ROUNDS = 3
 
 
@@ -63,16 +62,11 @@ def request(view: int, views: int, side: int, antialias: Antialias, lines: Lines
 
 
 def drawable(gpu: Gpu, asset: MeshAsset, side: int, antialias: Antialias) -> dict[str, Lines | None]:
-    """What is compared, by name: plain, and every method that draws here. Compiles and uploads."""
-    wanted: dict[str, Lines | None] = {PLAIN: None} | {method.value: Lines(method=method) for method in LineMethod}
-    found = {}
-    for name, lines in wanted.items():
-        try:
-            render_frame(gpu, asset, request(0, 1, side, antialias, lines))
-        except CapabilityError:
-            continue
-        found[name] = lines
-    return found
+    """What is compared, by name: plain, and every method. Compiles and uploads."""
+    compared: dict[str, Lines | None] = {PLAIN: None} | {method.value: Lines(method=method) for method in LineMethod}
+    for lines in compared.values():
+        render_frame(gpu, asset, request(0, 1, side, antialias, lines))
+    return compared
 
 
 def measured(gpu: Gpu, asset: MeshAsset, views: int, side: int, antialias: Antialias) -> dict[str, Any]:
@@ -124,7 +118,7 @@ def print_table(result: dict[str, Any]) -> None:
     for name, ratio in result["ratios"].items():
         added = ", ".join(f"{step} {ms:.2f}" for step, ms in result["passes"][name].items())
         rows.append([name, number(result[f"{name}_ms"]), times(ratio), times(BARS.get(name)), added])
-    print(markdown_table(["lines", "ms", "to plain", "in the paper", "passes added, ms"], rows))
+    print(markdown_table(["lines", "ms", "to plain", "at most", "passes added, ms"], rows))
 
 
 def main() -> None:
