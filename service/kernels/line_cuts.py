@@ -1,0 +1,161 @@
+"""Where lines may go out of or come into view: at crossings, in the image, with contours that are not behind them.
+
+A grid of as many cells as there are contour edges has in each cell those that go through it; a line is compared with what is in its
+cells. On which side an end is, is decided exactly for the pixel coordinates as they are rounded, so that a line cannot slip between two
+edges of a contour that meet in a vertex. A cut that is needless does no harm; so where it is not sure that a contour is behind, it cuts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from geometry.predicates import orient2d_sign
+from service.kernels.line_image import NEAR0, NEAR1, X0, X1, Y0, Y1
+
+BEHIND = 1e-9
+"""Part of a nearness by which a contour must be behind a line not to cut it."""
+MOST_CELLS = 1 << 20
+SLACK = 1e-9
+"""Part of a cell by which a segment's way through the grid is widened: rounding cannot hide a cell."""
+
+
+@njit(cache=True, nogil=True)
+def _columns(image, n, row, cell, across, down):
+    """(first, last) columns of a row of cells that segment n may go through."""
+    x0, y0, x1, y1 = image[n, X0], image[n, Y0], image[n, X1], image[n, Y1]
+    low, high = 0.0, 1.0
+    if y0 != y1:
+        one = ((row - SLACK) * cell - y0) / (y1 - y0)
+        two = ((row + 1 + SLACK) * cell - y0) / (y1 - y0)
+        low, high = max(low, min(one, two)), min(high, max(one, two))
+    one, two = x0 + low * (x1 - x0), x0 + high * (x1 - x0)
+    first = int(np.floor(min(one, two) / cell - SLACK))
+    last = int(np.floor(max(one, two) / cell + SLACK))
+    return min(max(first, 0), across - 1), min(max(last, 0), across - 1)
+
+
+@njit(cache=True, nogil=True)
+def _rows(image, n, cell, down):
+    first = int(np.floor(min(image[n, Y0], image[n, Y1]) / cell - SLACK))
+    last = int(np.floor(max(image[n, Y0], image[n, Y1]) / cell + SLACK))
+    return min(max(first, 0), down - 1), min(max(last, 0), down - 1)
+
+
+@njit(cache=True, nogil=True)
+def _grid(contours, width, height):
+    """(starts, held, cell, across, down): the contour edges in each cell, row by row."""
+    cells = min(max(2 * contours.shape[0], 1), MOST_CELLS)
+    cell = np.sqrt(width * height / cells)
+    across, down = int(np.ceil(width / cell)), int(np.ceil(height / cell))
+    starts = np.zeros(across * down + 1, np.int64)
+    held = np.empty(0, np.int32)
+    for write in range(2):
+        for n in range(contours.shape[0]):
+            top, bottom = _rows(contours, n, cell, down)
+            for row in range(top, bottom + 1):
+                first, last = _columns(contours, n, row, cell, across, down)
+                for column in range(first, last + 1):
+                    place = row * across + column
+                    if write:
+                        starts[place] -= 1
+                        held[starts[place]] = n
+                    else:
+                        starts[place] += 1
+        if not write:
+            starts = np.cumsum(starts)
+            held = np.empty(starts[-1], np.int32)
+    return starts, held, cell, across, down
+
+
+@njit(cache=True, nogil=True)
+def _near_at(image, n, s):
+    return image[n, NEAR0] + s * (image[n, NEAR1] - image[n, NEAR0])
+
+
+@njit(cache=True, nogil=True)
+def _is_behind(lines, n, s, contours, c, r):
+    """Whether contour edge c, at part r, is surely behind line n at part s."""
+    line, contour = _near_at(lines, n, s), _near_at(contours, c, r)
+    return contour < line - BEHIND * (abs(line) + abs(contour))
+
+
+@njit(cache=True, nogil=True)
+def _foot(image, n, x, y):
+    """The part of segment n, 0 to 1, that is closest to a point."""
+    dx, dy = image[n, X1] - image[n, X0], image[n, Y1] - image[n, Y0]
+    square = dx * dx + dy * dy
+    if square == 0.0:
+        return 0.0
+    return min(1.0, max(0.0, ((x - image[n, X0]) * dx + (y - image[n, Y0]) * dy) / square))
+
+
+@njit(cache=True, nogil=True)
+def _distance(image, n, x, y):
+    """A multiple of the distance of a point from the line of segment n, without sign."""
+    dx, dy = image[n, X1] - image[n, X0], image[n, Y1] - image[n, Y0]
+    return abs(dx * (y - image[n, Y0]) - dy * (x - image[n, X0]))
+
+
+@njit(cache=True, nogil=True)
+def _cut(lines, n, contours, c, cuts, of, count):
+    """count, and the cuts that contour edge c makes in line n, as parts of the line in the image."""
+    ax, ay, bx, by = lines[n, X0], lines[n, Y0], lines[n, X1], lines[n, Y1]
+    px, py, qx, qy = contours[c, X0], contours[c, Y0], contours[c, X1], contours[c, Y1]
+    if max(ax, bx) < min(px, qx) or min(ax, bx) > max(px, qx) or max(ay, by) < min(py, qy) or min(ay, by) > max(py, qy):
+        return count
+    p, q = orient2d_sign(ax, ay, bx, by, px, py), orient2d_sign(ax, ay, bx, by, qx, qy)
+    if p * q > 0:
+        return count
+    if p == 0 and q == 0:  # one over the other: the ends of the contour edge are cuts
+        for end in range(2):
+            x, y = (qx, qy) if end else (px, py)
+            s = _foot(lines, n, x, y)
+            if not _is_behind(lines, n, s, contours, c, float(end)):
+                count = _put_cut(cuts, of, count, n, s)
+        return count
+    a, b = orient2d_sign(px, py, qx, qy, ax, ay), orient2d_sign(px, py, qx, qy, bx, by)
+    if a * b > 0:
+        return count
+    da, db = _distance(contours, c, ax, ay), _distance(contours, c, bx, by)
+    dp, dq = _distance(lines, n, px, py), _distance(lines, n, qx, qy)
+    s = 0.0 if a == 0 else (1.0 if b == 0 else (da / (da + db) if da + db > 0.0 else 0.5))
+    r = 0.0 if p == 0 else (1.0 if q == 0 else (dp / (dp + dq) if dp + dq > 0.0 else 0.5))
+    if _is_behind(lines, n, s, contours, c, r):
+        return count
+    return _put_cut(cuts, of, count, n, s)
+
+
+@njit(cache=True, nogil=True)
+def _put_cut(cuts, of, count, n, s):
+    if count < cuts.shape[0]:
+        cuts[count], of[count] = s, n
+    return count + 1
+
+
+@njit(cache=True, nogil=True)
+def find_cuts(lines, nodes, contours, contour_nodes, width, height, cuts, of):
+    """How many cuts there are; the first of them in cuts (k,) f8, parts of the line of (k,) i4 in the image. Some may come twice.
+
+    lines (n, COLUMNS), contours (c, COLUMNS) f8: `line_image.project_segments`; nodes (n, 2), contour_nodes (c, 2) i4: what their ends
+    are. Where the two share an end, that is no crossing.
+    """
+    starts, held, cell, across, down = _grid(contours, width, height)
+    last_line = np.full(contours.shape[0], -1, np.int32)
+    count = 0
+    for n in range(lines.shape[0]):
+        top, bottom = _rows(lines, n, cell, down)
+        for row in range(top, bottom + 1):
+            first, last = _columns(lines, n, row, cell, across, down)
+            for column in range(first, last + 1):
+                place = row * across + column
+                for i in range(starts[place], starts[place + 1]):
+                    c = held[i]
+                    if last_line[c] == n:
+                        continue
+                    last_line[c] = n
+                    p, q = contour_nodes[c, 0], contour_nodes[c, 1]
+                    if nodes[n, 0] == p or nodes[n, 0] == q or nodes[n, 1] == p or nodes[n, 1] == q:
+                        continue
+                    count = _cut(lines, n, contours, c, cuts, of, count)
+    return count
