@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from schemas.errors import InvalidRequestError
+from schemas.lines import LineKind
 from schemas.render import BUDGET, MAX_ERROR, Antialias, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
 from service.errors import InvalidFieldsError, invalid_fields
 
@@ -90,6 +91,14 @@ class SilhouetteQuery(CameraQuery):
     contours: bool = Field(True, description="link the edges into closed contours")
     positions: bool = Field(True, description="include the positions of the vertices")
     smooth: bool = Field(False, description="contours of the surface with interpolated normals, as curves")
+    kinds: str | None = Field(None, description="lines of these kinds, with commas between", examples=["silhouette,boundary,ridge"])
+    visible_only: bool = Field(False, description="lines without what is hidden")
+    ridge_deg: float = Field(60.0, description="degrees by which normals turn at a ridge, at least", examples=[40])
+    valley_deg: float = Field(60.0, description="degrees by which normals turn at a valley, at least", examples=[40])
+    crease_deg: float = Field(60.0, description="degrees by which normals turn at a crease, at least", examples=[40])
+    simplify_px: float | None = Field(None, description="leave out points of lines that are so near to what remains", examples=[0.5])
+    smooth_px: float | None = Field(None, description="round corners of lines, at most so far from where they are", examples=[0.5])
+    line_width: float | None = Field(None, description="pixels, of all lines of a drawing", examples=[1.5])
 
     def request(self) -> SilhouetteRequest:
         """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
@@ -102,6 +111,14 @@ class SilhouetteQuery(CameraQuery):
             positions=self.positions,
             smooth=self.smooth,
             max_error_px=self.max_error,
+            kinds=None if self.kinds is None else self.kinds.split(","),
+            visible_only=self.visible_only,
+            ridge_deg=self.ridge_deg,
+            valley_deg=self.valley_deg,
+            crease_deg=self.crease_deg,
+            simplify_px=self.simplify_px,
+            smooth_px=self.smooth_px,
+            line_width={} if self.line_width is None else dict.fromkeys(LineKind, self.line_width),
         )
 
 

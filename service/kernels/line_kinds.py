@@ -80,10 +80,7 @@ def contour_edges(sides, starts, halves, meeting):
     for e in range(meeting.shape[0]):
         if meeting[e] == PAIR or meeting[e] == TWISTED:
             one, two = sides[halves[starts[e]] // 3], sides[halves[starts[e] + 1] // 3]
-            if meeting[e] == PAIR:
-                is_contour = (one >= 0) != (two >= 0)
-            else:
-                is_contour = one * two >= 0
+            is_contour = (one >= 0) != (two >= 0) if meeting[e] == PAIR else one * two >= 0
         else:
             is_contour = True
         found[count] = e

@@ -1,8 +1,9 @@
 """Where the faces of a mesh cross or touch each other in space: found once a mesh, whatever the eye.
 
-Two faces that are not in one plane meet in a segment. Its ends are where a side of the one goes through the other, or a corner of the one
-lies in the other; all that is decided exactly (`geometry.predicates`), only the places are rounded. Faces that share a side do not cross.
-A place is known by a key, so that segments of neighbouring faces are joined: a corner by its vertex, a side that goes through a face by both.
+Two faces that are not in one plane meet in a segment. Its ends are where a side of the one goes through the other, or a corner of the
+one lies in the other; all that is decided exactly (`geometry.predicates`), only the places are rounded. Faces that share a side do not
+cross. A place is known by a key, so that segments of neighbouring faces are joined: a corner by its vertex, a side that goes through a
+face by both.
 """
 
 from __future__ import annotations
@@ -83,10 +84,10 @@ def _put_hit(hits, keys, count, key, x, y, z):
 
 @njit(cache=True, nogil=True)
 def _sides_through(positions, faces, f, g, signs, mine, touched, of_half, found, pierced, hits, keys, count):
-    """(found, count): the ends that sides and corners of f have in g, appended to hits (HITS, 3) and keys (HITS,).
+    """count, and the ends that sides and corners of f have in g, appended to hits (HITS, 3) and keys (HITS,).
 
-    signs (3,): where f's corners are of g's plane. A side that goes through g is a row of pierced (n, 2) i4 and found[0] the next one; it is
-    written by the first face that has the side only.
+    signs (3,): where f's corners are of g's plane. A side that goes through g is a row of pierced (n, 2), its edge and where, and
+    found[0] the next one.
     """
     a, b, c = corner(positions, faces[g, 0]), corner(positions, faces[g, 1]), corner(positions, faces[g, 2])
     for k in range(3):
@@ -107,7 +108,7 @@ def _sides_through(positions, faces, f, g, signs, mine, touched, of_half, found,
         x, y, z = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]), p[2] + t * (q[2] - p[2])
         count = _put_hit(hits, keys, count, np.int64(edge) * faces.shape[0] + g, x, y, z)
         if found[0] < pierced.shape[0]:
-            pierced[found[0], 0], pierced[found[0], 1] = edge, g
+            pierced[found[0], 0], pierced[found[0], 1] = edge, t
         found[0] += 1
     return count
 
@@ -191,16 +192,16 @@ def _face_boxes(positions, faces):
 
 @njit(cache=True, nogil=True)
 def self_crossings(positions, faces, order, boxes, of_half, most):
-    """(found (2,) i8, touched (v,) bool, pierced (n, 2) i4, keys (m, 2) i8, ends (m, 6) f8, owners (m, 2) i4).
+    """(found (2,) i8, touched (v,) bool, pierced (n, 2) f8, keys (m, 2) i8, ends (m, 6) f8, owners (m, 2) i4).
 
-    order, boxes: `geometry.boxes.build_boxes`; of_half: `geometry.edge_fans`. pierced: an edge and a face that it goes through, each
-    pair once or twice. keys, ends, owners: the segments in which faces meet, the keys and places of their ends, the two faces. touched:
-    vertices that lie in a face, or at the place of a vertex, that is not theirs. found: how many rows there would be of pierced and
-    of segments; where either is more than `most`, the search has ended early, and the arrays are not whole.
+    order, boxes: `geometry.boxes.build_boxes`; of_half: `geometry.edge_fans`. pierced: an edge that goes through a face and where, from
+    its lower vertex on, each once or twice. keys, ends, owners: the segments in which faces meet, the keys and places of their ends, the
+    two faces. touched: vertices that lie in a face, or at the place of a vertex, that is not theirs. found: how many rows there would be
+    of pierced and of segments; where either is more than `most` (pierced: twice that), the search has ended early.
     """
     leaves, count = boxes.shape[0] // 2, faces.shape[0]
     found, touched = np.zeros(2, np.int64), np.zeros(positions.shape[0], np.bool_)
-    pierced, keys = np.empty((2 * most, 2), np.int32), np.empty((most, 2), np.int64)
+    pierced, keys = np.empty((2 * most, 2)), np.empty((most, 2), np.int64)
     ends, owners = np.empty((most, 6)), np.empty((most, 2), np.int32)
     each, stack = _face_boxes(positions, faces), np.empty(STACK, np.int64)
     work = (
