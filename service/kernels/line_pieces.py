@@ -31,27 +31,25 @@ def _sort_rows(starts, values):
 def cuts_by_line(lines, found, of, edges, pierced_starts, pierced_at):
     """(starts (n + 1,) i8, cuts): for each line its cuts in ascending order, parts of it in the image.
 
-    found (k,) f8, of (k,) i4: cuts by contours and their lines. edges (n,) i4: the edge of the mesh that a line is, -1 for none;
-    pierced_at[pierced_starts[e]:pierced_starts[e + 1]]: where faces go through edge e, parts of it in space.
+    found (k,) f8, of (k,) i4: cuts by contours and their lines. edges (n,) i4: which edge of the mesh or intersection a line is;
+    pierced_at[pierced_starts[e]:pierced_starts[e + 1]]: where faces go through that, parts of it in space.
     """
     starts = np.zeros(lines.shape[0] + 1, np.int64)
     for k in range(of.shape[0]):
         starts[of[k] + 1] += 1
     for n in range(lines.shape[0]):
-        if edges[n] >= 0:
-            for k in range(pierced_starts[edges[n]], pierced_starts[edges[n] + 1]):
-                starts[n + 1] += lines[n, T0] <= pierced_at[k] <= lines[n, T1]
+        for k in range(pierced_starts[edges[n]], pierced_starts[edges[n] + 1]):
+            starts[n + 1] += lines[n, T0] <= pierced_at[k] <= lines[n, T1]
     starts = np.cumsum(starts)
     place, cuts = starts[:-1].copy(), np.empty(starts[-1])
     for k in range(of.shape[0]):
         cuts[place[of[k]]] = found[k]
         place[of[k]] += 1
     for n in range(lines.shape[0]):
-        if edges[n] >= 0:
-            for k in range(pierced_starts[edges[n]], pierced_starts[edges[n] + 1]):
-                if lines[n, T0] <= pierced_at[k] <= lines[n, T1]:
-                    cuts[place[n]] = across(lines, n, pierced_at[k])
-                    place[n] += 1
+        for k in range(pierced_starts[edges[n]], pierced_starts[edges[n] + 1]):
+            if lines[n, T0] <= pierced_at[k] <= lines[n, T1]:
+                cuts[place[n]] = across(lines, n, pierced_at[k])
+                place[n] += 1
     _sort_rows(starts, cuts)
     return starts, cuts
 

@@ -234,3 +234,45 @@ def self_crossings(positions, faces, order, boxes, of_half, most):
                     if boxes_meet(each[order[i]], each[order[j]]):
                         _meet(positions, faces, order[i], order[j], touched, of_half, found, pierced, keys, ends, owners, work)
     return found, touched, pierced[: found[0]].copy(), keys[: found[1]].copy(), ends[: found[1]].copy(), owners[: found[1]].copy()
+
+
+@njit(cache=True, nogil=True)
+def segments_through(positions, faces, order, boxes, ends, owners, most):
+    """(found, of (n,) i4, at (n,) f8): where segments go through faces that are not theirs, and parts of them from their first ends.
+
+    ends (m, 6) f8, owners (m, 2) i4: `self_crossings`. Exact for the ends as they are rounded. found: how many there would be; where that
+    is more than `most`, the search has ended early.
+    """
+    leaves, found = boxes.shape[0] // 2, 0
+    of, at = np.empty(most, np.int32), np.empty(most)
+    stack, about = np.empty(STACK, np.int64), np.empty(6)
+    for m in range(ends.shape[0]):
+        if found > most:
+            break
+        p, q = (ends[m, 0], ends[m, 1], ends[m, 2]), (ends[m, 3], ends[m, 4], ends[m, 5])
+        for k in range(3):
+            about[k], about[3 + k] = min(p[k], q[k]), max(p[k], q[k])
+        stack[0], top = 1, 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if not boxes_meet(about, boxes[node]):
+                continue
+            if node < leaves:
+                stack[top], stack[top + 1] = 2 * node, 2 * node + 1
+                top += 2
+                continue
+            start = (node - leaves) * LEAF
+            for i in range(start, min(start + LEAF, faces.shape[0])):
+                f = order[i]
+                if f == owners[m, 0] or f == owners[m, 1]:
+                    continue
+                a, b, c = corner(positions, faces[f, 0]), corner(positions, faces[f, 1]), corner(positions, faces[f, 2])
+                if _side(a, b, c, p) * _side(a, b, c, q) >= 0 or not _goes_through(p, q, a, b, c):
+                    continue
+                if found < most:
+                    from_p, to_q = abs(_height(a, b, c, p)), abs(_height(a, b, c, q))
+                    of[found], at[found] = m, (from_p / (from_p + to_q) if from_p + to_q > 0.0 else 0.5)
+                found += 1
+    found_all = min(found, most)
+    return found, of[:found_all].copy(), at[:found_all].copy()

@@ -29,8 +29,8 @@ class Crossings:
     """Where the faces of a mesh cross or touch.
 
     nodes (m, 2) i4: the ends of the segments, vertices of the mesh below v; ends (m, 6) f8: in space; owners (m, 2) i4: both faces.
-    touched (v,) bool: vertices at which more than their own faces meet. pierced_at[pierced_starts[e]:pierced_starts[e + 1]]: where
-    faces go through edge e, 0 at its lower vertex to 1.
+    touched (v,) bool: vertices at which more than their own faces meet. pierced_at[pierced_starts[i]:pierced_starts[i + 1]]: where
+    faces go through edge i, 0 at its lower vertex to 1; from i = e on they are the segments instead of edges.
     """
 
     nodes: I4
@@ -84,17 +84,20 @@ class LineMesh:
         )
         if found[0] > 2 * MOST_CROSSINGS or found[1] > MOST_CROSSINGS:
             return None
-        starts, at = _by_edge(pierced, len(self.fans.vertices))
-        kept = _once(ends)
-        return Crossings(_nodes(keys[kept], len(self.positions)), ends[kept], owners[kept], touched, starts, at)
+        kept, count = _once(ends), len(self.fans.vertices)
+        ends, owners, most = ends[kept], owners[kept], 2 * MOST_CROSSINGS
+        again, of, at = self_crossings.segments_through(self.positions, self.faces, order, boxes, ends, owners, most)
+        if again > most:
+            return None
+        rows = np.concatenate([pierced[:, 0].astype(np.int64), count + of.astype(np.int64)])
+        starts, at = _by_row(rows, np.concatenate([pierced[:, 1], at]), count + len(ends))
+        return Crossings(_nodes(keys[kept], len(self.positions)), ends, owners, touched, starts, at)
 
 
-def _by_edge(pierced: F8, edge_count: int) -> tuple[I4, F8]:
-    """(starts (e + 1,), places): the rows (edge, place) of pierced by edge."""
-    edge = pierced[:, 0].astype(np.int64)
-    order = np.argsort(edge, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=edge_count))])
-    return starts.astype(np.int32), pierced[order, 1]
+def _by_row(rows: npt.NDArray[np.int64], places: F8, count: int) -> tuple[I4, F8]:
+    """(starts (count + 1,), places): places (n,) by their rows (n,)."""
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=count))])
+    return starts.astype(np.int32), places[np.argsort(rows, kind="stable")]
 
 
 def _once(ends: F8) -> Array:

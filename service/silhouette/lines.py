@@ -55,7 +55,8 @@ class VectorLines:
 
 @dataclass(frozen=True)
 class _Segments:
-    """ends (n, 6) f8 in space; nodes (n, 2) i4; edges (n,) i4, -1 for none; owners (n, 2) i4, -1 for none; kinds (n,) u1."""
+    """ends (n, 6) f8 in space; nodes (n, 2) i4; edges (n,) i4: rows of `Crossings.pierced_starts`; owners (n, 2) i4, -1 for none;
+    kinds (n,) u1."""
 
     ends: F8
     nodes: I4
@@ -121,8 +122,9 @@ def _wanted_segments(mesh: LineMesh, sides: Array, wanted: SilhouetteRequest) ->
         return found
     crossings = mesh.crossings()
     count = len(crossings.ends)
+    rows = np.arange(len(mesh.fans.vertices), len(mesh.fans.vertices) + count, dtype=np.int32)
     more = np.full(count, line_kinds.INTERSECTION, np.uint8)
-    return found.before(_Segments(crossings.ends, crossings.nodes, np.full(count, -1, np.int32), crossings.owners, more))
+    return found.before(_Segments(crossings.ends, crossings.nodes, rows, crossings.owners, more))
 
 
 def _edge_segments(mesh: LineMesh, edges: I4) -> _Segments:
