@@ -54,27 +54,45 @@ class VectorLines:
 
 
 @dataclass(frozen=True)
-class _Segments:
-    """ends (n, 6) f8 in space; nodes (n, 2) i4; edges (n,) i4: rows of `Crossings.pierced_starts`; owners (n, 2) i4, -1 for none;
-    kinds (n,) u1."""
+class Segments:
+    """Lines in space: ends (n, 6) f8; nodes (n, 2) i4: vertices, and from v on other places; rows (n,) i4: of `Crossings.pierced_starts`;
+    owners (n, 2) i4: faces that an intersection is in, -1 of an edge; kinds (n,) u1: rows of KINDS."""
 
     ends: F8
     nodes: I4
-    edges: I4
+    rows: I4
     owners: I4
     kinds: Array
 
-    def chosen(self, rows: Array) -> _Segments:
-        return _Segments(self.ends[rows], self.nodes[rows], self.edges[rows], self.owners[rows], self.kinds[rows])
+    def chosen(self, which: Array) -> Segments:
+        """Some of them."""
+        return Segments(self.ends[which], self.nodes[which], self.rows[which], self.owners[which], self.kinds[which])
 
-    def before(self, other: _Segments) -> _Segments:
-        return _Segments(
+    def before(self, other: Segments) -> Segments:
+        """These and then others."""
+        return Segments(
             np.concatenate([self.ends, other.ends]),
             np.concatenate([self.nodes, other.nodes]),
-            np.concatenate([self.edges, other.edges]),
+            np.concatenate([self.rows, other.rows]),
             np.concatenate([self.owners, other.owners]),
             np.concatenate([self.kinds, other.kinds]),
         )
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Lines cut where they may go out of sight.
+
+    segments: those that are in the image; image (n, COLUMNS) f8: the same there (`service.kernels.line_image`). line (p,) i4: the segment
+    of each piece; spans (p, 2) f8: which part of it in the image; visible (p,) bool. rays: how many were cast.
+    """
+
+    segments: Segments
+    image: F8
+    line: I4
+    spans: F8
+    visible: Flags
+    rays: int
 
 
 def vector_lines(mesh: LineMesh, view: View, wanted: SilhouetteRequest) -> VectorLines:
@@ -82,34 +100,53 @@ def vector_lines(mesh: LineMesh, view: View, wanted: SilhouetteRequest) -> Vecto
 
     Raises CapabilityError for a mesh whose faces cross too often.
     """
-    clock, passes = Stopwatch(), []
+    passes = Passes()
+    pieces = find_pieces(mesh, view, wanted, passes)
+    runs = line_chains.runs_of(pieces.image, pieces.segments.nodes, pieces.segments.kinds, pieces.line, pieces.spans, pieces.visible)
+    found = _shaped(_chained(runs, wanted.visible_only, len(mesh.positions)), wanted)
+    passes.end("chains")
+    return replace(found, passes=tuple(passes.ended), rays=pieces.rays)
+
+
+class Passes:
+    """What each step takes, one after the other."""
+
+    def __init__(self) -> None:
+        self.ended: list[tuple[str, float]] = []
+        self._clock, self._before = Stopwatch(), 0.0
+
+    def end(self, name: str) -> None:
+        """The step of this name has ended, and the next begins."""
+        now = self._clock.ms()
+        self.ended.append((name, now - self._before))
+        self._before = now
+
+
+def find_pieces(mesh: LineMesh, view: View, wanted: SilhouetteRequest, passes: Passes) -> Pieces:
+    """The lines of the wanted kinds, cut, each piece in sight or not. Raises CapabilityError as `vector_lines`."""
+    eye = np.ascontiguousarray(view.eye)
     crossings = mesh.crossings()
-    passes.append(("crossings", clock.ms()))
-    sides = line_kinds.eye_sides(mesh.positions, mesh.faces, np.ascontiguousarray(view.eye))
+    passes.end("crossings")
+    sides = line_kinds.eye_sides(mesh.positions, mesh.faces, eye)
     segments = _wanted_segments(mesh, sides, wanted)
     contours = _edge_segments(mesh, line_kinds.contour_edges(sides, mesh.fans.starts, mesh.fans.halves, mesh.meeting))
-    passes.append(("kinds", clock.ms()))
-    lines, kept = _projected(view, segments.ends)
+    passes.end("kinds")
+    image, kept = _projected(view, segments.ends)
     segments = segments.chosen(kept)
     before, kept = _projected(view, contours.ends)
-    cuts, of = _cuts(lines, segments.nodes, before, contours.nodes[kept], view)
-    starts, cuts = line_pieces.cuts_by_line(lines, cuts, of, segments.edges, crossings.pierced_starts, crossings.pierced_at)
-    line, spans, free = line_pieces.cut_lines(lines, starts, cuts)
-    passes.append(("cuts", clock.ms()))
-    seen, rays = line_sight.pieces_in_sight(
-        (mesh.positions, mesh.faces), mesh.boxes, sides, np.ascontiguousarray(view.eye), mesh.rings, crossings.touched,
-        lines, segments.nodes, segments.ends, segments.owners, line, spans, free,
+    cuts, of = _cuts(image, segments.nodes, before, contours.nodes[kept], view)
+    starts, cuts = line_pieces.cuts_by_line(image, cuts, of, segments.rows, crossings.pierced_starts, crossings.pierced_at)
+    line, spans, free = line_pieces.cut_lines(image, starts, cuts)
+    passes.end("cuts")
+    visible, rays = line_sight.pieces_in_sight(
+        (mesh.positions, mesh.faces), mesh.boxes, sides, eye, mesh.rings, crossings.touched,
+        image, segments.nodes, segments.ends, segments.owners, line, spans, free,
     )  # fmt: skip
-    passes.append(("sight", clock.ms()))
-    runs = line_chains.runs_of(lines, segments.nodes, segments.kinds, line, spans, seen)
-    found = _chained(runs, wanted.visible_only, len(mesh.positions))
-    found = _shaped(found, wanted)
-    passes.append(("chains", clock.ms()))
-    ends = [0.0, *(ms for _, ms in passes)]
-    return replace(found, passes=tuple((name, b - a) for (name, _), (a, b) in zip(passes, pairwise(ends), strict=True)), rays=int(rays))
+    passes.end("sight")
+    return Pieces(segments, image, line, spans, visible, int(rays))
 
 
-def _wanted_segments(mesh: LineMesh, sides: Array, wanted: SilhouetteRequest) -> _Segments:
+def _wanted_segments(mesh: LineMesh, sides: Array, wanted: SilhouetteRequest) -> Segments:
     kinds = wanted.kinds or [LineKind.SILHOUETTE]
     flags = np.array([kind in kinds for kind in KINDS])
     angles = np.zeros(line_kinds.KINDS)
@@ -124,13 +161,13 @@ def _wanted_segments(mesh: LineMesh, sides: Array, wanted: SilhouetteRequest) ->
     count = len(crossings.ends)
     rows = np.arange(len(mesh.fans.vertices), len(mesh.fans.vertices) + count, dtype=np.int32)
     more = np.full(count, line_kinds.INTERSECTION, np.uint8)
-    return found.before(_Segments(crossings.ends, crossings.nodes, rows, crossings.owners, more))
+    return found.before(Segments(crossings.ends, crossings.nodes, rows, crossings.owners, more))
 
 
-def _edge_segments(mesh: LineMesh, edges: I4) -> _Segments:
+def _edge_segments(mesh: LineMesh, edges: I4) -> Segments:
     nodes = mesh.fans.vertices[edges]
     ends = mesh.positions[nodes].astype(np.float64).reshape(-1, 6)
-    return _Segments(ends, nodes, edges, np.full((len(edges), 2), -1, np.int32), np.zeros(len(edges), np.uint8))
+    return Segments(ends, nodes, edges, np.full((len(edges), 2), -1, np.int32), np.zeros(len(edges), np.uint8))
 
 
 def _projected(view: View, ends: F8) -> tuple[F8, I4]:
