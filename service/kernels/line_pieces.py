@@ -10,7 +10,7 @@ from service.kernels.line_image import T0, T1, X0, X1, Y0, Y1, across
 from service.kernels.line_kinds import corner
 
 SHORTEST_PX = 1e-7
-"""Cuts nearer to each other in the image are one."""
+"""Cuts nearer to each other in the image are one, and a shorter line is a point."""
 START, END = 1, 2
 """Bits of a piece's `free`: it goes on to the end of its line there, and nothing in front passes just there."""
 
@@ -65,7 +65,7 @@ def cut_lines(lines, starts, cuts):
     count = 0
     for n in range(lines.shape[0]):
         length = np.hypot(lines[n, X1] - lines[n, X0], lines[n, Y1] - lines[n, Y0])
-        if not length > 0.0:
+        if length <= SHORTEST_PX:
             continue
         least, begin = SHORTEST_PX / length, 0.0
         bits = START if lines[n, T0] == 0.0 else 0

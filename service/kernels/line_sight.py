@@ -21,6 +21,8 @@ from service.kernels.line_pieces import END, START, hidden_at
 LOOKS = 3
 """Rays to a set of so many pieces or more; most of them decide."""
 FAR = 1e300
+ROUNDED = 1e-12
+"""Normalised units by which the ends of an intersection may be off: more than rounding takes, but of needles."""
 WIDER = 1e-12
 """Normalised units by which boxes are widened: more than rounding moves a ray, so that it cannot miss a box for that."""
 
@@ -47,10 +49,24 @@ def _meets(box, px, py, pz, dx, dy, dz, far):
     return near <= end
 
 
+@njit(cache=True, inline="always")
+def _normal(a, b, c):
+    ux, uy, uz, vx, vy, vz = b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
 @njit(cache=True, nogil=True)
 def _point_side(a, b, c, ends, p):
-    """The side of a plane on which p is, a rounded point of the segment between ends: exact where both ends are on one side or on it."""
-    if ends[6] != 0.0:
+    """The side of a plane on which p is, a rounded point of the segment between ends: exact where both ends are on one side or on it.
+
+    Where the ends are rounded too, what is nearer than ROUNDED counts as on it: of more than two faces that meet in one line any is.
+    """
+    if ends[6] == 0.0:
+        nx, ny, nz = _normal(a, b, c)
+        height = nx * (p[0] - a[0]) + ny * (p[1] - a[1]) + nz * (p[2] - a[2])
+        if abs(height) <= ROUNDED * np.sqrt(nx * nx + ny * ny + nz * nz):
+            return 0
+    else:
         one = orient_sign(a, b, c, ends[0], ends[1], ends[2], 1.0)
         two = orient_sign(a, b, c, ends[3], ends[4], ends[5], 1.0)
         if one * two >= 0:

@@ -6,8 +6,10 @@ from itertools import combinations
 
 import numpy as np
 
-NEXT = 1e-5
-"""Normalised units: what is nearer to a point than this is the surface that the point is on."""
+NEXT, ON = 1e-5, 1e-12
+"""Normalised units: what is nearer to a point than this may be the surface that the point is on, and certainly is."""
+EDGE_ON = 1e-10
+"""Sine: what is seen at a smaller angle is seen edge-on, and hides nothing."""
 MARGIN = 1e-4
 """Barycentric: a ray so near to the border of a face may miss or meet it."""
 
@@ -27,14 +29,18 @@ def hidden_by_rays(view, positions, faces, points):
     for n, (d, far) in enumerate(zip(*_rays(view, points), strict=True)):
         across = np.cross(d, v)
         det = np.einsum("fi,fi->f", u, across)
+        edge_on = np.abs(det) <= EDGE_ON * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) * np.linalg.norm(d)
+        det = np.where(edge_on, np.nan, det)
         with np.errstate(divide="ignore", invalid="ignore"):
             s = np.einsum("fi,fi->f", points[n] - a, across) / det
             turned = np.cross(points[n] - a, u)
             t, along = turned @ d / det, np.einsum("fi,fi->f", v, turned) / det
             inner = np.minimum(np.minimum(s, t), 1.0 - s - t)
-        between = (along * np.linalg.norm(d) > NEXT) & (along < far)
+        distance = along * np.linalg.norm(d)
+        between = (distance > NEXT) & (along < far)
+        beside = (distance > ON) & (distance <= NEXT) & (inner > -MARGIN)
         hidden[n] = (between & (inner > MARGIN)).any()
-        sure[n] = hidden[n] or not (between & (inner > -MARGIN)).any()
+        sure[n] = hidden[n] or not ((between & (inner > -MARGIN)) | beside).any()
     return hidden, sure
 
 

@@ -6,10 +6,12 @@ import httpx
 import numpy as np
 import pytest
 
+from client.shapes import write_ply
 from geometry.silhouettes import silhouette_scalar
 from geometry.topology import build_edges
 from schemas.conventions import Frame
 from tests import meshes
+from tests.service.test_lines import grid
 
 EYE = {"eye": [1.0, 2.0, 14.0], "target": [0.0, 0.0, 0.0]}
 
@@ -108,6 +110,15 @@ def test_a_drawing_of_lines_is_grouped_by_kind(http, knot):
     drawing = http.get(f"/v1/meshes/{knot.id}/silhouette.svg", params={"kinds": "silhouette", "line_width": 2.5})
     groups = [g for g in ElementTree.fromstring(drawing.content).iter() if g.attrib.get("class") == "silhouette"]
     assert [g.attrib["stroke-width"] for g in groups] == ["2.5"]
+
+
+def test_an_open_mesh_has_lines_but_no_silhouette(http, client, tmp_path):
+    write_ply(str(tmp_path / "sheet.ply"), *grid())
+    sheet = client.wait(client.upload(tmp_path / "sheet.ply", repair="never").id, timeout_s=280.0)
+    lines = http.get(f"/v1/meshes/{sheet.id}/silhouette.json", params={"kinds": "boundary", "visible_only": True}).json()["lines"]
+    assert [(line["kind"], line["closed"], len(line["points"])) for line in lines] == [("boundary", True, 24)]
+    refused = http.get(f"/v1/meshes/{sheet.id}/silhouette.json")
+    assert (refused.status_code, refused.json()["code"]) == (422, "capability-unavailable")
 
 
 def test_what_is_not_asked_for_is_left_out(http, knot):
