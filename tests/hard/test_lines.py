@@ -114,6 +114,22 @@ def test_visibility_is_that_of_rays_from_eyes_in_awkward_places(scene):
     assert tried > 12
 
 
+@pytest.mark.parametrize("seed", range(24))
+def test_visibility_is_that_of_rays_in_random_heaps(seed):
+    """Triangles with corners anywhere, or on a grid, where many coincide; cameras as well."""
+    rng = np.random.default_rng(seed)
+    count = 3 * int(rng.integers(2, 12))
+    corners = rng.integers(-2, 3, (count, 3)).astype(float) if seed % 2 else rng.uniform(-1, 1, (count, 3))
+    direction = rng.integers(1, 4, 3) * rng.choice([-1.0, 1.0], 3) if seed % 3 else rng.normal(size=3)
+
+    def camera(frame):
+        eye = np.array(frame.centre) + 1.5 * frame.scale * direction
+        more = {} if seed % 4 else {"projection": "orthographic", "height": 2.2 * frame.scale}
+        return Camera(eye=eye.tolist(), target=list(frame.centre), up=[0.1, 0.7, -0.6], **more)
+
+    check(*found((corners, np.arange(count, dtype=np.int32).reshape(-1, 3)), camera))
+
+
 def test_what_is_exactly_behind_a_line_is_hidden_by_it():
     """Of a row of cubes seen along it only the nearest is seen."""
     row = meshes.joined(*(shifted([0.0, 0.0, -2.0 * i]) for i in range(3)))
