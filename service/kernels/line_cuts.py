@@ -139,16 +139,18 @@ def _put_cut(cuts, of, count, n, s):
 
 
 @njit(cache=True, nogil=True)
-def find_cuts(lines, nodes, contours, contour_nodes, width, height, cuts, of):
-    """How many cuts there are; the first of them in cuts (k,) f8, parts of the line of (k,) i4 in the image. Some may come twice.
+def find_cuts(lines, nodes, contours, contour_nodes, width, height, most, cuts, of):
+    """How many cuts there are, or more than `most` where there are more; the first of them in cuts (k,) f8, parts of the line of (k,) i4.
 
     lines (n, COLUMNS), contours (c, COLUMNS) f8: `line_image.project_segments`; nodes (n, 2), contour_nodes (c, 2) i4: what their ends
-    are. Where the two share an end, that is no crossing.
+    are. Where the two share an end, that is no crossing. Parts are those in the image. Some cuts may come twice.
     """
     starts, held, cell, across, down = _grid(contours, width, height)
     last_line = np.full(contours.shape[0], -1, np.int32)
     count = 0
     for n in range(lines.shape[0]):
+        if count > most:
+            break
         top, bottom = _rows(lines, n, cell, down)
         for row in range(top, bottom + 1):
             first, last = _columns(lines, n, row, cell, across)

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from schemas.conventions import F8, I4, Array
+from schemas.errors import CapabilityError
 from schemas.lines import LineKind
 from schemas.render import SilhouetteRequest
 from service.camera import View
@@ -25,6 +26,8 @@ from service.waiting import Stopwatch
 KINDS = tuple(LineKind)
 """By the numbers that the kernels have for them."""
 USUAL_CUTS = 1 << 14
+MOST_CUTS = 4_000_000
+"""Crossings of lines and contours in an image; where there are more, they are refused: triangles without neighbours come to that."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ class Pieces:
 def vector_lines(mesh: LineMesh, view: View, wanted: SilhouetteRequest) -> VectorLines:
     """The lines of the wanted kinds, those that are hidden too unless only visible ones are asked for.
 
-    Raises CapabilityError for a mesh whose faces cross too often.
+    Raises CapabilityError for a mesh whose faces, or whose lines in the image, cross too often.
     """
     passes = Passes()
     pieces = find_pieces(mesh, view, wanted, passes)
@@ -181,7 +184,10 @@ def _cuts(lines: F8, nodes: I4, contours: F8, contour_nodes: I4, view: View) -> 
     room = USUAL_CUTS
     while True:
         cuts, of = np.empty(room), np.empty(room, np.int32)
-        count = line_cuts.find_cuts(lines, nodes, contours, contour_nodes, float(view.width), float(view.height), cuts, of)
+        size = (float(view.width), float(view.height))
+        count = line_cuts.find_cuts(lines, nodes, contours, contour_nodes, *size, MOST_CUTS, cuts, of)
+        if count > MOST_CUTS:
+            raise CapabilityError(f"lines of this mesh cross more than {MOST_CUTS:,} times in this image", field="kinds")
         if count <= room:
             return cuts[:count], of[:count]
         room = count

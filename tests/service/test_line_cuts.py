@@ -37,7 +37,7 @@ def cuts_of(lines, contours, shared=False):
     nodes = np.arange(2 * len(lines), dtype=np.int32).reshape(-1, 2)
     others = nodes[: len(contours)] if shared else 10**6 + np.arange(2 * len(contours), dtype=np.int32).reshape(-1, 2)
     cuts, of = np.empty(20000), np.empty(20000, np.int32)
-    count = line_cuts.find_cuts(lines, nodes, contours, others, SIDE, SIDE, cuts, of)
+    count = line_cuts.find_cuts(lines, nodes, contours, others, SIDE, SIDE, 20000, cuts, of)
     return cuts[:count], of[:count]
 
 

@@ -13,6 +13,7 @@ from schemas.render import Camera, Orbit, OrbitCamera, ProjectTo, SilhouetteRequ
 from service.camera import project, resolve_camera, to_pixels
 from service.kernels import line_kinds
 from service.silhouette import line_mesh
+from service.silhouette import lines as lines_module
 from service.silhouette.line_mesh import LineMesh
 from service.silhouette.lines import KINDS, vector_lines
 from tests import meshes
@@ -265,6 +266,12 @@ def test_a_mesh_that_crosses_itself_too_often_is_refused(monkeypatch):
     monkeypatch.setattr(line_mesh, "MOST_CROSSINGS", 3)
     with pytest.raises(CapabilityError, match="cross more than 3 times"):
         drawn(crossing_cubes())
+
+
+def test_lines_that_cross_too_often_in_the_image_are_refused(monkeypatch):
+    monkeypatch.setattr(lines_module, "MOST_CUTS", 3)
+    with pytest.raises(CapabilityError, match="cross more than 3 times in this image"):
+        drawn(meshes.knot(60, 9))
 
 
 def test_only_visible_lines_are_the_visible_ones_of_all():
