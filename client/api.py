@@ -28,7 +28,7 @@ from schemas.render import ImageFormat
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 CHUNK_BYTES = 1 << 18
-SILHOUETTE_TYPES = {"json": "application/json", "svg": "image/svg+xml", "binary": "application/octet-stream"}
+SILHOUETTE_TYPES = {"json": "application/json", "svg": "image/svg+xml", "binary": "application/octet-stream", "dxf": "image/vnd.dxf"}
 
 UploadProgress = Callable[[int, int], None]
 """Called with (bytes sent, bytes in all)."""
@@ -145,7 +145,7 @@ class Client:
         return dict(json.loads(self.silhouette_document(mesh_id, "json", **fields)))
 
     def silhouette_document(self, mesh_id: str, form: str = "svg", **fields: Any) -> bytes:
-        """The silhouette as a document: form json, svg or binary."""
+        """The silhouette as a document: form json, svg, dxf or binary."""
         headers = {"Accept": SILHOUETTE_TYPES[form]}
         return self._send("POST", f"/v1/meshes/{mesh_id}/silhouette", json=_body(fields), headers=headers).content
 

@@ -92,7 +92,7 @@ def _flat(a, b, c, x, y, z, w):
 def orient_sign(a, b, c, x, y, z, w):
     """Exact sign of det[b - a, c - a, (x, y, z) - w a]: 1 when the point is outside the plane of the triangle.
 
-    a, b, c: (3,) f4 or f8 with float32 values, counter-clockwise seen from outside. (x, y, z, w): f8 homogeneous point, w 0 or 1.
+    a, b, c: (3,) f4 or f8, or three f8, counter-clockwise seen from outside. (x, y, z, w): f8 homogeneous point, w 0 or 1.
     Right for all that are finite: denormal and near the largest numbers too.
     """
     sure = _filtered_sign(

@@ -14,6 +14,21 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
+class LineKind(StrEnum):
+    """What makes a line of an edge, or of two faces. An edge that is several is the first of those that are asked for.
+
+    silhouette: one of its two faces is front-facing. boundary: it has one face. ridge, valley, crease: its faces turn by more than an
+    angle, convex, concave, or either way; an edge of more than two faces is a crease. intersection: faces cross or touch there.
+    """
+
+    SILHOUETTE = "silhouette"
+    BOUNDARY = "boundary"
+    RIDGE = "ridge"
+    VALLEY = "valley"
+    CREASE = "crease"
+    INTERSECTION = "intersection"
+
+
 class LineMethod(StrEnum):
     """How lines are drawn into a picture.
 

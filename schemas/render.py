@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from schemas.lines import Lines
+from schemas.lines import LineKind, Lines
 
 MAX_SIDE_PX = 8192
 Vector = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
@@ -176,8 +176,11 @@ class ProjectTo(_Request):
     height: int = Field(512, ge=1, le=MAX_SIDE_PX)
 
 
+Width = Annotated[FiniteFloat, Field(gt=0.0, le=64.0)]
+
+
 class SilhouetteRequest(_Request):
-    """One silhouette."""
+    """One silhouette; with `kinds` or `visible_only` also lines, as polylines in the image, told apart by whether they are hidden."""
 
     camera: AnyCamera = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
     contours: bool = Field(True, description="link the edges into closed contours")
@@ -185,6 +188,21 @@ class SilhouetteRequest(_Request):
     project: ProjectTo | None = Field(None, description="include the vertices' pixel coordinates in an image of this size")
     smooth: bool = Field(False, description="add the contours of the surface with interpolated normals, as curves; needs `project`")
     max_error_px: FiniteFloat | None = Field(None, gt=0.0, description=MAX_ERROR + "; needs `project`")
+    kinds: list[LineKind] | None = Field(
+        None, min_length=1, description='lines of these kinds, of any mesh; ["silhouette"] with `visible_only`, else none; needs `project`'
+    )
+    visible_only: bool = Field(False, description="lines without what is hidden; otherwise that comes marked; needs `project`")
+    ridge_deg: FiniteFloat = Field(60.0, ge=0.0, le=180.0, description="a convex edge is a ridge where normals turn by more than this")
+    valley_deg: FiniteFloat = Field(60.0, ge=0.0, le=180.0, description="a concave edge is a valley where normals turn by more than this")
+    crease_deg: FiniteFloat = Field(60.0, ge=0.0, le=180.0, description="an edge is a crease where normals turn by more than this")
+    simplify_px: FiniteFloat | None = Field(None, gt=0.0, description="leave out points of lines that are so near to what remains, pixels")
+    smooth_px: FiniteFloat | None = Field(None, gt=0.0, description="round corners of lines, at most so far from where they are, pixels")
+    line_width: dict[LineKind, Width] = Field({}, description="pixels; of drawings")
+
+    @property
+    def wants_lines(self) -> bool:
+        """Whether polylines are asked for."""
+        return self.visible_only or self.kinds is not None
 
 
 class Surface(BaseModel):
@@ -193,6 +211,16 @@ class Surface(BaseModel):
     level: bool
     faces: int
     error_px: float = Field(description="how far the shape in the image can be beyond the mesh's, pixels; 0 for the mesh itself")
+
+
+class Line(BaseModel):
+    """A polyline in the image."""
+
+    kind: LineKind
+    visible: bool
+    closed: bool = Field(description="the last point joins the first")
+    points: list[tuple[float, float]] = Field(description="pixels")
+    vertices: list[int | None] | None = Field(None, description="the mesh's vertex at each point, null for a cut; not of smooth lines")
 
 
 class Silhouette(BaseModel):
@@ -206,6 +234,7 @@ class Silhouette(BaseModel):
         None,
         description="smooth contours, closed, in pixels: node, two control points of a cubic Bezier curve, node, ..., two control points",
     )
+    lines: list[Line] | None = Field(None, description="of the kinds asked for, by kind, visible ones first")
     surface: Surface = Field(description="whose edges and vertices these are: the mesh's, or those of a level that stands for it")
     vertices: dict[str, Any] = Field(
         {}, description='{"index": [...], "position": [[x, y, z], ...], "pixel": [[x, y], ...]} of the vertices used'

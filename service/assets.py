@@ -29,6 +29,7 @@ from service.line_surface import LineSurface
 from service.rungs import LEAST_SIDE, MOST_HALVINGS, HullFacts, RungTable, rung_table
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
+from service.silhouette.line_mesh import LineMesh
 from service.silhouette.smooth import SmoothSurface
 
 log = logging.getLogger("silhouette.service")
@@ -163,6 +164,11 @@ class MeshAsset:
         return LineSurface(self.positions, self.faces, self.edges)
 
     @cached_property
+    def line_mesh(self) -> LineMesh:
+        """The mesh made ready for finding lines, whether it is closed or not."""
+        return LineMesh(self.positions, self.faces)
+
+    @cached_property
     def _edge_order(self) -> tuple[Array, Array]:
         """Keys of the edges in ascending order, and the edges in that order."""
         assert self.edges is not None
@@ -211,8 +217,9 @@ class MeshAsset:
         given = (self.normal_vertices, self.corner_normals, *(self.edges or ()))
         arrays = [self.positions, self.faces, self.normals, *(a for group in groups for a in group.values())]
         arrays += [a for a in given if a is not None]
+        lines = self.__dict__["line_mesh"].nbytes if "line_mesh" in self.__dict__ else 0
         parts = sum(level.nbytes for level in self.levels) + sum(hull.nbytes for hull in self.other_hulls)
-        return sum(int(a.nbytes) for a in arrays) + parts
+        return sum(int(a.nbytes) for a in arrays) + parts + lines
 
 
 def state_of(manifest: Manifest) -> str:

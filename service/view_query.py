@@ -9,13 +9,13 @@ from typing import Any, Literal, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from schemas.errors import InvalidRequestError
-from schemas.lines import LineMethod
+from schemas.lines import LineKind, LineMethod
 from schemas.render import BUDGET, MAX_ERROR, Antialias, Fill, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
 from service.errors import InvalidFieldsError, invalid_fields
 
 Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
 
-LineKind = Literal["silhouette", "boundary", "ridge", "valley"]
+DrawnKind = Literal["silhouette", "boundary", "ridge", "valley"]
 QUERY_NAMES = {
     "camera.eye": "eye",
     "camera.target": "target",
@@ -47,7 +47,7 @@ QUERY_NAMES = {
     "lines.orientation": "line_orientation",
     "lines.charcoal": "charcoal",
     "lines.declutter": "declutter",
-    **{f"lines.{kind}.{field}": f"line_{field}" for kind in get_args(LineKind) for field in ("width", "color", "opacity")},
+    **{f"lines.{kind}.{field}": f"line_{field}" for kind in get_args(DrawnKind) for field in ("width", "color", "opacity")},
     "max_error_px": "max_error",
     "project.width": "width",
     "project.height": "height",
@@ -100,6 +100,14 @@ class SilhouetteQuery(CameraQuery):
     contours: bool = Field(True, description="link the edges into closed contours")
     positions: bool = Field(True, description="include the positions of the vertices")
     smooth: bool = Field(False, description="contours of the surface with interpolated normals, as curves")
+    kinds: str | None = Field(None, description="lines of these kinds, with commas between", examples=["silhouette,boundary,ridge"])
+    visible_only: bool = Field(False, description="lines without what is hidden")
+    ridge_deg: float = Field(60.0, description="degrees by which normals turn at a ridge, at least", examples=[40])
+    valley_deg: float = Field(60.0, description="degrees by which normals turn at a valley, at least", examples=[40])
+    crease_deg: float = Field(60.0, description="degrees by which normals turn at a crease, at least", examples=[40])
+    simplify_px: float | None = Field(None, description="leave out points of lines that are so near to what remains", examples=[0.5])
+    smooth_px: float | None = Field(None, description="round corners of lines, at most so far from where they are", examples=[0.5])
+    line_width: float | None = Field(None, description="pixels, of all lines of a drawing", examples=[1.5])
 
     def request(self) -> SilhouetteRequest:
         """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
@@ -112,6 +120,14 @@ class SilhouetteQuery(CameraQuery):
             positions=self.positions,
             smooth=self.smooth,
             max_error_px=self.max_error,
+            kinds=None if self.kinds is None else self.kinds.split(","),
+            visible_only=self.visible_only,
+            ridge_deg=self.ridge_deg,
+            valley_deg=self.valley_deg,
+            crease_deg=self.crease_deg,
+            simplify_px=self.simplify_px,
+            smooth_px=self.smooth_px,
+            line_width={} if self.line_width is None else dict.fromkeys(LineKind, self.line_width),
         )
 
 
@@ -181,10 +197,10 @@ class RenderQuery(CameraQuery):
                 raise InvalidRequestError(f"{name} needs lines, which says how they are drawn.", field=name)
             return None
         kinds = {kind.strip() for kind in self.line_kinds.split(",")}
-        if not kinds <= set(get_args(LineKind)):
+        if not kinds <= set(get_args(DrawnKind)):
             raise InvalidRequestError("line_kinds must be of silhouette, boundary, ridge and valley.", field="line_kinds")
         style = {"width": self.line_width, "color": _hash(self.line_color), "opacity": self.line_opacity}
-        given = {kind: style if kind in kinds else None for kind in get_args(LineKind)}
+        given = {kind: style if kind in kinds else None for kind in get_args(DrawnKind)}
         more = {"charcoal": self.charcoal, "declutter": self.declutter, "orientation": self.line_orientation}
         return {"method": self.lines, **given, **more}
 

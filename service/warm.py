@@ -25,7 +25,7 @@ from schemas import artifacts
 from schemas.artifacts import Layout
 from schemas.conventions import Array
 from schemas.errors import SilhouetteError
-from schemas.lines import Lines
+from schemas.lines import LineKind, Lines
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability
 from schemas.render import (
@@ -51,7 +51,7 @@ from service.render.renderer import Renderer
 from service.scene.draw import drawing_of
 from service.scene.plan import plan_scene
 from service.silhouette.describe import describe_silhouette
-from service.silhouette.document import silhouette_binary, silhouette_json, silhouette_svg
+from service.silhouette.document import silhouette_binary, silhouette_dxf, silhouette_json, silhouette_svg
 from service.silhouette.project import project_loops
 from service.waiting import Stopwatch
 
@@ -125,11 +125,24 @@ def warm(renderer: Renderer) -> None:
                     described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
                     for write in (silhouette_json, silhouette_svg, silhouette_binary):
                         write(described)
+            _describe_lines(asset)
             hull_file(store, asset, Side.OUTER, len(asset.faces))
     except (SilhouetteError, CancelledError) as error:  # busy already, or closing: then requests do the warming
         log.info("not warmed: %s", error)
     else:
         log.info("warmed", extra={"seconds": round(clock.ms() / 1e3, 2)})
+
+
+def _describe_lines(asset: MeshAsset) -> None:
+    """Lines of every kind from outside, written down in every way, and with fewer points and round corners."""
+    for camera in (WHOLE, BESIDE):
+        for tolerance in (None, 0.5):
+            wanted = SilhouetteRequest(
+                camera=camera, project=ProjectTo(), kinds=list(LineKind), simplify_px=tolerance, smooth_px=tolerance, visible_only=True
+            )
+            described = describe_silhouette(asset, wanted)
+            for write in (silhouette_json, silhouette_svg, silhouette_binary, silhouette_dxf):
+                write(described)
 
 
 def _extract_together(asset: MeshAsset) -> None:

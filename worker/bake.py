@@ -17,6 +17,7 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from geometry.boxes import build_boxes
 from geometry.tile_layout import TileLayout
 from geometry.topology import face_normals, vertex_normals
 from schemas.conventions import F4, F8, I4, U1, Array
@@ -152,7 +153,7 @@ class _Shooter:
     def _closest(self, points: F8) -> tuple[I4, F8]:
         positions, faces = self._original.positions, self._original.faces
         if self._boxes is None:
-            self._boxes = bake_boxes.build_boxes(positions, faces)
+            self._boxes = build_boxes(positions, faces)
         order, boxes = self._boxes
         face, weights, _ = bake_boxes.closest_points(positions, faces, order, boxes, points)
         return face, weights

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from geometry.boxes import build_boxes
 from schemas.conventions import F4, F8, I4
-from worker.kernels import bake_boxes, level_distance
+from worker.kernels import level_distance
 from worker.kernels.level_distance import CUTS_LEFT, HIGH, LOW
 
 RUNGS = ((0.5, 1e-2), (0.1, 1e-3), (0.03, 1e-4))
@@ -40,7 +41,7 @@ class DistanceTo:
     """A mesh that others are measured against. positions (v, 3) f4 in the normalised frame, faces (f, 3) i4."""
 
     def __init__(self, positions: F4, faces: I4) -> None:
-        order, boxes = bake_boxes.build_boxes(positions, faces)
+        order, boxes = build_boxes(positions, faces)
         self._mesh = (positions, faces, order, boxes)
 
     def of(self, positions: F4, faces: I4, progress: Callable[[float], None], rungs: tuple[tuple[float, float], ...] = RUNGS) -> Distance:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from geometry.boxes import build_boxes
 from geometry.topology import build_edges, face_components, face_normals
 from schemas.conventions import F4, F8, I4
 from worker.kernels import bake_boxes, verify_enclosure
@@ -53,7 +54,7 @@ class Solid:
 
     def __init__(self, positions: F4, faces: I4) -> None:
         self.positions, self.faces = positions, faces
-        self.order, self.boxes = bake_boxes.build_boxes(positions, faces)
+        self.order, self.boxes = build_boxes(positions, faces)
         table = build_edges(faces)
         self.edges, self.edge_faces = table.vertices, table.faces
         self.normals = face_normals(positions, faces)

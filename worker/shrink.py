@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from geometry.boxes import build_boxes
 from geometry.hull_sequence import MOVE
 from schemas.conventions import F4, I4
-from worker.kernels.bake_boxes import build_boxes
 from worker.kernels.collapse import COLLAPSES, STEPS, Progress
 from worker.kernels.collapse_mesh import CollapseMesh
 from worker.kernels.shrink import Original, new_fit, shrink

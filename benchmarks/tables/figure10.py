@@ -19,6 +19,7 @@ from benchmarks.models import mesh_file
 from benchmarks.report import Result, markdown_table, number
 from benchmarks.rivals import simplified
 from benchmarks.tables.making import Table, main
+from geometry.boxes import build_boxes
 from geometry.topology import build_edges, vertex_normals
 from schemas.conventions import F4, F8, I4, U1
 from schemas.mesh import PreprocessOptions
@@ -105,7 +106,7 @@ def unconstrained(original: MeshAsset, count: int) -> MeshAsset:
 
 def _moved_out(positions: F4, faces: I4, original: F4) -> F4:
     """Vertices moved along their normals by twice the largest distance of the original from the mesh."""
-    order, boxes = bake_boxes.build_boxes(positions, faces)
+    order, boxes = build_boxes(positions, faces)
     _, _, square = bake_boxes.closest_points(positions, faces, order, boxes, original.astype(np.float64))
     return (positions + 2.0 * np.sqrt(square.max()) * vertex_normals(positions, faces)).astype(np.float32)
 

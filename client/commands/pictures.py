@@ -20,7 +20,7 @@ IMAGE_SUFFIXES = {
     ".jpeg": ImageFormat.JPEG,
     ".raw": ImageFormat.RAW,
 }
-SILHOUETTE_SUFFIXES = {".json": "json", ".svg": "svg", ".bin": "binary"}
+SILHOUETTE_SUFFIXES = {".json": "json", ".svg": "svg", ".bin": "binary", ".dxf": "dxf"}
 
 
 def render(  # noqa: PLR0913 - the options of a command are its language
@@ -88,7 +88,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
 
 def silhouette(  # noqa: PLR0913 - as above
     mesh: MeshArgument,
-    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .svg, .json or .bin; - for JSON to stdout.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .svg, .dxf, .json or .bin; - for JSON to stdout.")],
     azimuth: Azimuth = 30.0,
     elevation: Elevation = 20.0,
     eye: Eye = None,
@@ -97,12 +97,21 @@ def silhouette(  # noqa: PLR0913 - as above
     *,
     smooth: Smooth = False,
     max_error: MaxError = None,
+    kinds: Annotated[
+        str | None, typer.Option(help="Lines: silhouette, boundary, ridge, valley, crease, intersection; with commas.")
+    ] = None,
+    visible_only: Annotated[bool, typer.Option("--visible-only", help="Lines without what is hidden.")] = False,
+    angle: Annotated[float, typer.Option(help="Degrees by which faces turn at a ridge, valley or crease, at least.")] = 60.0,
+    simplify_px: Annotated[float | None, typer.Option(help="Leave out points of lines that are so near to what remains.")] = None,
+    smooth_px: Annotated[float | None, typer.Option(help="Round corners of lines, at most so far from where they are.")] = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
 ) -> None:
-    """Write the silhouette of a mesh as a drawing (SVG) or as edges and closed contours (JSON).
+    """Write the silhouette of a mesh as a drawing (SVG, DXF) or as edges and closed contours (JSON).
 
     `silhouette silhouette bunny.ply -o bunny.svg --azimuth 40`
+
+    `silhouette silhouette part.stl -o part.dxf --visible-only --kinds silhouette,ridge,valley --angle 30`
 
     `silhouette silhouette 3f2a91 -o - | jq .edge_count`
     """
@@ -115,6 +124,8 @@ def silhouette(  # noqa: PLR0913 - as above
         "smooth": smooth,
         "max_error_px": max_error,
     }
+    fields |= {"kinds": None if kinds is None else kinds.split(","), "visible_only": visible_only}
+    fields |= {"ridge_deg": angle, "valley_deg": angle, "crease_deg": angle, "simplify_px": simplify_px, "smooth_px": smooth_px}
     if once:
         with unkept(url, mesh) as (client, path):
             body = client.silhouette_once(path, form, **fields)

@@ -81,7 +81,7 @@ def image_answer(*media_types: str, plan: type[BaseModel] | None = None) -> dict
 def silhouette_answer(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
     """OpenAPI answer of a route that gives a silhouette."""
     binary = {"schema": {"type": "string", "format": "binary"}}
-    content = {"application/json": {"schema": model.model_json_schema()}, "image/svg+xml": {}, RAW_FORMAT: binary}
+    content = {"application/json": {"schema": model.model_json_schema()}, "image/svg+xml": {}, "image/vnd.dxf": binary, RAW_FORMAT: binary}
     headers = {name: IMAGE_HEADERS[name] for name in ("Server-Timing", "X-Accuracy", "ETag")}
     return {
         200: {"description": "The silhouette", "content": content, "headers": headers},

@@ -18,7 +18,7 @@ from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
 from service.routes.documented import image_answer, once_body, problems, silhouette_answer
 from service.routes.render import picture_headers
-from service.routes.silhouette import DRAWING, SVG, WRITERS, document_of
+from service.routes.silhouette import WRITERS, completed, document_of
 from service.state import Parts, Services
 from service.view_query import RenderQuery, SilhouetteQuery, query_names
 from service.waiting import Stopwatch, wait_for
@@ -87,9 +87,7 @@ async def silhouette_once(view: Annotated[OnceSilhouetteQuery, Query()], request
     with query_names():
         by_query = view.request()
     async with mesh_of(request, parts, _beside(view)) as mesh:
-        wanted = _wanted(SilhouetteRequest, mesh, view, by_query)
-        if media == SVG:
-            wanted = wanted.model_copy(update={"project": wanted.project or DRAWING, "contours": True})
+        wanted = completed(_wanted(SilhouetteRequest, mesh, view, by_query), media)
         body, passes, accuracy = await _document(mesh, wanted, media, request, parts)
     timing = ", ".join(f"{name};dur={ms:.3f}" for name, ms in [("load", mesh.load_ms), *passes])
     headers = {"X-Accuracy": accuracy, "Cache-Control": NOT_KEPT, "Vary": "Accept", "Server-Timing": timing}

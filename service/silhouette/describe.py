@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from geometry.silhouettes import silhouette_scalar
 from schemas.conventions import F4, F8, I4, Frame
 from schemas.errors import CapabilityError, InvalidRequestError
+from schemas.lines import LineKind
 from schemas.mesh import Capability
 from schemas.render import ProjectTo, SilhouetteRequest
 from service.camera import View, resolve_camera
@@ -19,6 +20,8 @@ from service.kernels.contours import compact
 from service.silhouette.contours import Contours, link_contours
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import LevelInView, SilhouetteLevel, choose_level
+from service.silhouette.line_mesh import LineMesh
+from service.silhouette.lines import VectorLines, vector_lines
 from service.silhouette.outline import Outline, outline_of
 from service.silhouette.project import pixel_matrix, project_edges, surrounding_layers
 from service.silhouette.smooth import SmoothSurface, smooth_outline
@@ -63,6 +66,10 @@ class Source(Protocol):
         """The surface of a closed mesh's normals."""
 
     @property
+    def line_mesh(self) -> LineMesh:
+        """Its edges and faces, made ready for finding lines, whether it is closed or not."""
+
+    @property
     def clip(self) -> Capability:
         """Says why there are no edges."""
 
@@ -74,8 +81,10 @@ class Description:
     eye: (4,) f8 homogeneous, model units. edges: (s, 2) i4 directed. vertices: (k,) i4, those the edges use, each once.
     contours: closed loops of vertices, None when not asked for. positions: (k, 3) f8 of `vertices`, model units, or None.
     pixels: (k, 2) f8, y down, NaN behind the eye; outline: the contours in the image, curved when that was asked for; view: the
-    camera; all None without an image. faces: of the surface that all this is of; level: that one, None for the mesh. curves: the
-    outline as curves, when they were asked for.
+    camera; all None without an image, outline also where lines are asked for. faces: of the surface that all this is of; level: that
+    one, None for the mesh. curves: the outline as curves, when they were asked for. lines: polylines in the image, when they were, drawn
+    with line_widths, pixels. Of a mesh that is not closed, which has an answer only with lines, edges are those between two faces, and
+    contours None.
     """
 
     eye: F8
@@ -89,27 +98,29 @@ class Description:
     faces: int
     level: LevelInView | None = None
     curves: list[F8] | None = None
+    lines: VectorLines | None = None
+    line_widths: Mapping[LineKind, float] = field(default_factory=dict)
 
 
 def describe_silhouette(source: Source, request: SilhouetteRequest) -> Description:
     """The silhouette that `request` asks for, with all edges, hidden ones too.
 
-    Raises CapabilityError when the mesh is not closed, InvalidRequestError for a camera whose numbers cannot be used, and for
-    curves and errors in pixels without an image to lie in.
+    Raises CapabilityError when the mesh is not closed and no lines are asked for, or its faces cross too often for lines,
+    InvalidRequestError for a camera whose numbers cannot be used, and for curves, lines and errors in pixels without an image to lie in.
     """
     _check(request)
     image = request.project or UNSEEN
     view = resolve_camera(request.camera, source.frame, image.width, image.height)
     level = None if request.max_error_px is None else choose_level(source.levels, view, source.corners, request.max_error_px)
-    edges = _edges(source, view.eye) if level is None else level.level.tree.extract(view.eye).edges
+    edges = _edges(source, view.eye, request.wants_lines) if level is None else level.level.tree.extract(view.eye).edges
     local, vertices = compact(edges)
     used = np.asarray(source.positions if level is None else level.level.positions)[vertices]
-    loops = link_contours(local) if request.contours else None
+    loops = link_contours(local) if request.contours and _is_closed(source) else None
     homogeneous = _homogeneous(view, used) if request.project else None
     outline = None
     if request.smooth:
         outline = _smooth(source, view)
-    elif homogeneous is not None and loops is not None:
+    elif homogeneous is not None and loops is not None and not request.wants_lines:
         # an eye that a level is chosen for is outside of it
         segments = project_edges(view, np.asarray(source.positions), edges) if level is None and _is_near(view) else None
         outline = outline_of(view, homogeneous[loops.vertices], loops.offsets, _base(source, view, segments))
@@ -125,6 +136,8 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
         faces=len(source.faces if level is None else level.level.faces),
         level=level,
         curves=outline.curves() if request.smooth and outline is not None else None,
+        lines=vector_lines(source.line_mesh, view, request) if request.wants_lines else None,
+        line_widths=request.line_width,
     )
 
 
@@ -135,11 +148,29 @@ def _check(request: SilhouetteRequest) -> None:
         raise InvalidRequestError("an error in pixels is one in an image: project must say its size", field="max_error_px")
     if request.max_error_px is not None and request.smooth:
         raise InvalidRequestError("a smooth outline is meant to leave the mesh's, so no error can be asked of it", field="max_error_px")
+    if request.wants_lines:
+        _check_lines(request)
 
 
-def _edges(source: Source, eye: F8) -> I4:
+def _check_lines(request: SilhouetteRequest) -> None:
+    field = "visible_only" if request.kinds is None else "kinds"
+    if request.project is None:
+        raise InvalidRequestError("lines are hidden or not in an image: project must say its size", field=field)
+    if request.smooth:
+        raise InvalidRequestError("lines are those of the mesh, not of a smooth surface: smooth_px rounds their corners", field="smooth")
+    if request.max_error_px is not None:
+        raise InvalidRequestError("lines are those of the mesh itself: no coarser surface stands for it", field="max_error_px")
+
+
+def _is_closed(source: Source) -> bool:
+    return source.tree is not None or source.edges is not None
+
+
+def _edges(source: Source, eye: F8, of_any: bool) -> I4:
     if source.tree is not None:
         return source.tree.extract(eye).edges
+    if source.edges is None and of_any:
+        return source.line_mesh.silhouette(eye)
     if source.edges is None:
         raise CapabilityError(source.clip.reason or "only a closed mesh has a silhouette", field="mesh")
     return np.asarray(silhouette_scalar(source.positions, source.faces, *source.edges, eye))

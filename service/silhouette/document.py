@@ -16,9 +16,10 @@ from safetensors.numpy import save
 from schemas.conventions import F8
 from schemas.errors import InvalidRequestError
 from service.silhouette.describe import Description, describe_silhouette
+from service.silhouette.line_documents import line_tensors, lines_dxf, lines_json, lines_svg
 from service.silhouette.outline import Outline
 
-__all__ = ["Description", "describe_silhouette", "silhouette_binary", "silhouette_json", "silhouette_svg"]
+__all__ = ["Description", "describe_silhouette", "silhouette_binary", "silhouette_dxf", "silhouette_json", "silhouette_svg"]
 
 PIXEL_DIGITS = 4
 """Decimals of pixel coordinates in JSON."""
@@ -40,6 +41,8 @@ def silhouette_json(described: Description) -> bytes:
         answer["contours"] = [loops.vertices[a:b] for a, b in pairwise(loops.offsets)]
     if described.curves is not None:
         answer["curves"] = [np.round(curve, PIXEL_DIGITS) for curve in described.curves]
+    if described.lines is not None:
+        answer["lines"] = lines_json(described.lines)
     answer["surface"] = surface_of(described)
     vertices: dict[str, Any] = {}
     if described.positions is not None:
@@ -57,6 +60,7 @@ def silhouette_binary(described: Description) -> bytes:
     i is contours[offsets[i]:offsets[i + 1]]; offsets: (c + 1,) i4. positions: (k, 3) f8 of `vertices`, model units. pixels:
     (k, 2) f8 of `vertices`, y down, NaN behind the eye. curves: (n, 2) f8 pixels, closed cubic Bezier curves, each as node, two control
     points, node, ..., two control points; curve i is curves[curve_offsets[i]:curve_offsets[i + 1]], curve_offsets: (d + 1,) i4.
+    line_points (n, 2) f8 pixels, line_offsets (l + 1,) i4, line_kinds, line_visible, line_closed (l,) u1, line_vertices (n,) i4: polylines.
     The metadata's `eye` is four numbers as JSON text, its `surface` a `schemas.render.Surface`.
     """
     tensors: dict[str, Any] = {"edges": described.edges, "vertices": described.vertices}
@@ -70,6 +74,8 @@ def silhouette_binary(described: Description) -> bytes:
         sizes = [len(curve) for curve in described.curves]
         tensors["curves"] = np.concatenate([np.empty((0, 2)), *described.curves])
         tensors["curve_offsets"] = np.cumsum([0, *sizes], dtype=np.int32)
+    if described.lines is not None:
+        tensors |= line_tensors(described.lines)
     eye = orjson.dumps(described.eye, option=orjson.OPT_SERIALIZE_NUMPY).decode()
     metadata = {"eye": eye, "surface": orjson.dumps(surface_of(described)).decode()}
     return bytes(save({name: np.ascontiguousarray(array) for name, array in tensors.items()}, metadata))
@@ -82,12 +88,14 @@ def surface_of(described: Description) -> dict[str, Any]:
 
 
 def silhouette_svg(described: Description) -> bytes:
-    """A drawing: the surface filled and outlined, with all silhouette lines over it, hidden ones too.
+    """A drawing: the surface filled and outlined, with all silhouette lines over it, hidden ones too; or the lines asked for.
 
     One path of closed polygons in pixels, y down, rule "nonzero": it is filled where the winding number is not 0, that is where
     some front-facing layer is. Raises InvalidRequestError unless contours and an image (`project`) were asked for.
     """
     outline, view = described.outline, described.view
+    if described.lines is not None and view is not None:
+        return lines_svg(described.lines, view, described.line_widths)
     if outline is None or view is None:
         raise InvalidRequestError("a drawing needs contours and the size of its image", field="project")
     path = b"".join(_closed(outline))
@@ -100,6 +108,13 @@ def silhouette_svg(described: Description) -> bytes:
     )
     lines = f'"/></g>\n<use href="#silhouette" fill="none" stroke="{LINES}" stroke-width="{LINES_PX}"/></g>\n</svg>\n'
     return b"".join((text.encode(), path, lines.encode()))
+
+
+def silhouette_dxf(described: Description) -> bytes:
+    """The lines asked for as a DXF drawing. Raises InvalidRequestError where none were."""
+    if described.lines is None or described.view is None:
+        raise InvalidRequestError("a DXF drawing has lines: kinds must say which", field="kinds")
+    return lines_dxf(described.lines, described.view)
 
 
 def _closed(outline: Outline) -> Iterator[bytes]:

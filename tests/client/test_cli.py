@@ -51,6 +51,13 @@ def test_render_of_a_file_uploads_it_first(service, tmp_path, knot_file):
     assert (tmp_path / "k.png").stat().st_size > 100
 
 
+def test_visible_lines_as_dxf(service, knot, tmp_path):
+    run = silhouette("silhouette", knot.id, "-o", tmp_path / "k.dxf", "--visible-only", "--kinds", "silhouette,ridge", url=service.url)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "k.dxf").read_bytes().endswith(b"EOF\n")
+    assert b"HIDDEN" not in (tmp_path / "k.dxf").read_bytes()
+
+
 def test_silhouette_as_drawing_and_as_data(service, knot, tmp_path):
     drawn = silhouette("silhouette", knot.id, "-o", tmp_path / "k.svg", url=service.url)
     assert drawn.returncode == 0, drawn.stderr

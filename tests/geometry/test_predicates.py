@@ -94,6 +94,19 @@ def test_orientation_is_the_rational_one_near_degeneracy(family, seed):
     np.testing.assert_array_equal(_orient_signs(corners, eyes), oracles_integer.orientations(corners, eyes))
 
 
+@settings(max_examples=300, deadline=None)
+@given(point, point, st.tuples(grid, grid), st.floats(0.0, 1.0), st.integers(-3, 3), st.sampled_from([0.0, 1.0]))
+def test_orientation_is_exact_for_corners_of_all_digits(a, b, eye, part, ulps, w):
+    """As where a ray starts at a rounded point of the side from a to b: a float64 that no float32 is."""
+    a, b = (np.array(x, np.float64) for x in (a, b))
+    p = a + part / 3.0 * (b - a)
+    for _ in range(abs(ulps)):
+        p[1] = np.nextafter(p[1], np.inf * ulps)
+    e = (*eye, 3.7)
+    expected = oracles.orientation(p, a, b, (*e, w))
+    assert orient_sign(p, a, b, *e, w) == orient_sign(tuple(p.tolist()), tuple(a.tolist()), tuple(b.tolist()), *e, w) == expected
+
+
 @pytest.mark.parametrize("family", degenerate.FAMILIES, ids=lambda family: family.__name__)
 def test_whole_numbers_give_the_rational_sign(family):
     corners, eyes = family(np.random.default_rng(11), 200)

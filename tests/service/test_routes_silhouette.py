@@ -6,10 +6,12 @@ import httpx
 import numpy as np
 import pytest
 
+from client.shapes import write_ply
 from geometry.silhouettes import silhouette_scalar
 from geometry.topology import build_edges
 from schemas.conventions import Frame
 from tests import meshes
+from tests.service.test_lines import grid
 
 EYE = {"eye": [1.0, 2.0, 14.0], "target": [0.0, 0.0, 0.0]}
 
@@ -84,6 +86,41 @@ def test_accept_header_decides_the_document(http, knot):
     assert http.post(path, json={}, headers={"Accept": "image/png"}).status_code == 406
 
 
+def test_lines_come_by_query_and_by_body_with_the_time_of_their_passes(http, knot):
+    body = {"project": {"width": 300, "height": 200}, "kinds": ["silhouette", "ridge"], "ridge_deg": 20.0, "simplify_px": 0.5}
+    posted = http.post(f"/v1/meshes/{knot.id}/silhouette", json=body)
+    query = {"width": 300, "height": 200, "kinds": "silhouette,ridge", "ridge_deg": 20.0, "simplify_px": 0.5}
+    assert http.get(f"/v1/meshes/{knot.id}/silhouette.json", params=query).json()["lines"] == posted.json()["lines"]
+    assert {line["visible"] for line in posted.json()["lines"]} == {True, False}
+    for name in ("crossings", "kinds", "cuts", "sight", "chains"):
+        assert f"{name};dur=" in posted.headers["server-timing"]
+    assert accuracy(posted)["line_error_px"] == "0.5"
+
+
+def test_a_dxf_drawing_comes_by_accept_and_by_address(http, knot):
+    by_address = http.get(f"/v1/meshes/{knot.id}/silhouette.dxf", params={"visible_only": True})
+    body = {"project": {"width": 512, "height": 512}, "visible_only": True}
+    by_accept = http.post(f"/v1/meshes/{knot.id}/silhouette", json=body, headers={"Accept": "image/vnd.dxf"})
+    assert by_address.headers["content-type"] == by_accept.headers["content-type"] == "image/vnd.dxf"
+    assert by_address.content == by_accept.content and by_address.content.endswith(b"EOF\n")
+    assert b"SILHOUETTE_HIDDEN" in http.get(f"/v1/meshes/{knot.id}/silhouette.dxf").content
+
+
+def test_a_drawing_of_lines_is_grouped_by_kind(http, knot):
+    drawing = http.get(f"/v1/meshes/{knot.id}/silhouette.svg", params={"kinds": "silhouette", "line_width": 2.5})
+    groups = [g for g in ElementTree.fromstring(drawing.content).iter() if g.attrib.get("class") == "silhouette"]
+    assert [g.attrib["stroke-width"] for g in groups] == ["2.5"]
+
+
+def test_an_open_mesh_has_lines_but_no_silhouette(http, client, tmp_path):
+    write_ply(str(tmp_path / "sheet.ply"), *grid())
+    sheet = client.wait(client.upload(tmp_path / "sheet.ply", repair="never").id, timeout_s=280.0)
+    lines = http.get(f"/v1/meshes/{sheet.id}/silhouette.json", params={"kinds": "boundary", "visible_only": True}).json()["lines"]
+    assert [(line["kind"], line["closed"], len(line["points"])) for line in lines] == [("boundary", True, 24)]
+    refused = http.get(f"/v1/meshes/{sheet.id}/silhouette.json")
+    assert (refused.status_code, refused.json()["code"]) == (422, "capability-unavailable")
+
+
 def test_what_is_not_asked_for_is_left_out(http, knot):
     bare = http.post(f"/v1/meshes/{knot.id}/silhouette", json={"camera": EYE, "contours": False, "positions": False}).json()
     assert bare.get("contours") is None
@@ -99,6 +136,11 @@ def test_what_is_not_asked_for_is_left_out(http, knot):
         ({"project": {"width": 0}}, "project.width"),
         ({"contour": True}, "contour"),
         ({"smooth": True}, "smooth"),
+        ({"kinds": ["ridges"], "project": {}}, "kinds[0]"),
+        ({"kinds": [], "project": {}}, "kinds"),
+        ({"visible_only": True}, "visible_only"),
+        ({"kinds": ["ridge"], "ridge_deg": 181, "project": {}}, "ridge_deg"),
+        ({"kinds": ["ridge"], "line_width": {"ridge": 0}, "project": {}}, "line_width.ridge"),
     ],
 )
 def test_wrong_request_is_422_and_names_the_field(http, knot, body, field):

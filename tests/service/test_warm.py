@@ -11,6 +11,7 @@ from pathlib import Path
 
 from numba.core.dispatcher import Dispatcher
 
+from schemas.lines import LineKind
 from schemas.render import Accuracy, Antialias, ProjectTo, RenderRequest, SilhouetteRequest, Source
 from schemas.scene import SceneRequest
 from service import kernels
@@ -78,6 +79,8 @@ def ask_for_everything(renderer: Renderer) -> None:
     for camera in (*CAMERAS, INSIDE):
         for smooth in (False, True):
             describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
+        for more in ({}, {"simplify_px": 1.0}, {"smooth_px": 1.0}):
+            describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), kinds=list(LineKind), **more))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import trimesh
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from geometry.boxes import LEAF, build_boxes
 from geometry.shading import shading_normals
 from geometry.tile_layout import TileLayout, least_texels
 from geometry.topology import build_edges, face_normals, vertex_normals
@@ -268,7 +269,7 @@ def test_closest_points_are_those_of_brute_force(seed, spread, needles):
         positions[:, 1:] *= np.float32(1e-4)
     faces = rng.integers(0, 60, (37, 3)).astype(np.int32)
     points = positions[rng.integers(0, 60, 30)] + spread * rng.normal(size=(30, 3))
-    face, weights, distance2 = bake_boxes.closest_points(positions, faces, *bake_boxes.build_boxes(positions, faces), points)
+    face, weights, distance2 = bake_boxes.closest_points(positions, faces, *build_boxes(positions, faces), points)
     brute = np.array([min(bake_boxes.closest_on_triangle(*positions[f], *p)[0] for f in faces) for p in points])
     assert np.allclose(distance2, brute, rtol=1e-9, atol=1e-15)
     reached = np.einsum("nk,nki->ni", weights, positions[faces[face]].astype(np.float64))
@@ -494,12 +495,12 @@ def test_boxes_hold_every_triangle_once_and_halves_lie_beside_each_other(count):
     rng = np.random.default_rng(count)
     positions = rng.normal(size=(3 * count, 3)).astype(np.float32)
     faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-    order, boxes = bake_boxes.build_boxes(positions, faces)
+    order, boxes = build_boxes(positions, faces)
     assert sorted(order) == list(range(count))
     leaves, centres = len(boxes) // 2, positions[faces].astype(np.float64).mean(axis=1)
     for node in range(1, 2 * leaves):
         depth = node.bit_length() - 1
-        size = bake_boxes.LEAF * leaves >> depth
+        size = LEAF * leaves >> depth
         start = (node - (1 << depth)) * size
         inside, half = order[start : start + size], order[start : start + size // 2]
         if not len(inside):

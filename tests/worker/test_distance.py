@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from geometry.boxes import build_boxes
 from schemas.errors import CancelledError
 from tests.meshes import bumpy_sphere, cube, joined, knot, normalised, sphere, torus
 from worker import distance as module
 from worker.distance import RUNGS, DistanceTo
 from worker.hull import build_hull
-from worker.kernels import bake_boxes, level_distance
+from worker.kernels import level_distance
 
 GAP, FLOOR = RUNGS[-1]
 ROUGH = RUNGS[0][1]  # where a surface lies on flat parts of the original the search ends there
@@ -170,7 +171,7 @@ def test_progress_rises_to_one_and_may_cancel(monkeypatch):
 def test_closest_faces_are_those_of_a_look_at_all_faces():
     positions, faces = as_arrays(bumpy_sphere(2))
     points = np.random.default_rng(1).uniform(-1.2, 1.2, (200, 3)).astype(np.float32)
-    order, boxes = bake_boxes.build_boxes(positions, faces)
+    order, boxes = build_boxes(positions, faces)
     closest, state = np.empty(len(points), np.int32), np.zeros(3)
     level_distance.nearest_faces(positions, faces, order, boxes, points, 0, len(points), closest, state)
     nearest = brute_distances(points.astype(np.float64), positions, faces)
@@ -181,7 +182,7 @@ def test_closest_faces_are_those_of_a_look_at_all_faces():
 
 def test_a_later_rung_searches_only_the_faces_whose_bounds_it_needs_lower():
     (positions, faces), (points, triangles) = (part[:2] for part in (normalised(sphere(3)), normalised(bumpy_sphere(3))))
-    order, boxes = bake_boxes.build_boxes(positions, faces)
+    order, boxes = build_boxes(positions, faces)
     mesh, state, bounds = (positions, faces, order, boxes), np.zeros(3), np.full(len(triangles), np.inf)
     closest = np.empty(len(points), np.int32)
     level_distance.nearest_faces(*mesh, points, 0, len(points), closest, state)

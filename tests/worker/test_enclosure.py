@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from geometry.boxes import build_boxes
 from tests import oracles
 from tests.meshes import bumpy_sphere, cube, joined, knot, normalised, sphere, torus
 from worker.enclosure import NotEnclosedError, UnprovenError, enclosure_fault
-from worker.kernels import bake_boxes, verify_enclosure
+from worker.kernels import verify_enclosure
 
 
 def quiet(_):
@@ -17,7 +18,7 @@ def quiet(_):
 
 def boxed(mesh):
     positions, faces = np.asarray(mesh[0], np.float32), mesh[1]
-    return positions, faces, *bake_boxes.build_boxes(positions, faces)
+    return positions, faces, *build_boxes(positions, faces)
 
 
 def solid_angle_winding(positions, faces, points):
@@ -177,7 +178,7 @@ def test_crossings_are_those_of_rational_arithmetic_whatever_touches(scale):
     faces = rng.integers(0, 40, (60, 3)).astype(np.int32)
     ends = rng.integers(0, 40, (50, 2))
     starts, stops = positions[ends[:, 0]], positions[ends[:, 1]] + np.float32(0.5 * scale) * rng.integers(0, 2, (50, 1)).astype(np.float32)
-    order, boxes = bake_boxes.build_boxes(positions, faces)
+    order, boxes = build_boxes(positions, faces)
     pairs = np.empty((3000, 2), np.int32)
     count = verify_enclosure.crossings(positions, faces, order, boxes, starts, stops, pairs, len(pairs))
     expected = {(n, f) for n in range(50) for f in range(60) if strictly_crosses(starts[n], stops[n], *positions[faces[f]])}

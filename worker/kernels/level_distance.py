@@ -17,7 +17,8 @@ import numpy as np
 from numba import njit
 
 from geometry.borrowing import borrowing
-from worker.kernels.bake_boxes import STACK, closest_face, closest_on_triangle
+from geometry.boxes import STACK
+from worker.kernels.bake_boxes import closest_face, closest_on_triangle
 
 LOW, HIGH, CUTS_LEFT = 0, 1, 2
 """Entries of a state (3,) f8: largest squared distance of a point seen, largest squared bound of a piece done, cuts left."""

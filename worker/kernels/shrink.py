@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from geometry.borrowing import borrowing
+from geometry.boxes import STACK
 from geometry.predicates import orient_sign
-from worker.kernels.bake_boxes import STACK
 from worker.kernels.collapse_mesh import following, preceding
 from worker.kernels.collapse_place import HALF_ULP
 from worker.kernels.linear_program import BOX_ROWS, INFEASIBLE, solve3

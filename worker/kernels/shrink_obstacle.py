@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from geometry.borrowing import borrowing
+from geometry.boxes import LEAF, boxes_meet
 from geometry.predicates import UNDERFLOW_GUARD, orient_sign
-from worker.kernels.bake_boxes import LEAF, boxes_meet
 
 ROOM = 1e-13
 """Normalised units between two shadows on an axis that float64 cannot have made up."""
@@ -176,7 +176,7 @@ def _angle(tet, q):
 def obstacle(original, order, boxes, tet, scratch, worst, search):
     """Whether triangles of the original have points in the open tetrahedron (4, 3) f8 (v, a, b, w), w exactly below (v, a, b).
 
-    original (f, 3, 3) f8 corners with float32 values; order, boxes: `bake_boxes.build_boxes` of it. scratch: (2, MOST_CORNERS, 3)
+    original (f, 3, 3) f8 corners with float32 values; order, boxes: `geometry.boxes.build_boxes` of it. scratch: (2, MOST_CORNERS, 3)
     f8. Returns (0 free, 1 in the way, 2 in the way and worst (3,) f8 is the point the new face must be turned outwards to).
     """
     stack, planes, reach = search

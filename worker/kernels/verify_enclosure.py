@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 
 from geometry.borrowing import borrowing
+from geometry.boxes import LEAF, STACK, boxes_meet
 from geometry.predicates import UNDERFLOW_GUARD, orient2d_sign, orient_sign
-from worker.kernels.bake_boxes import LEAF, STACK, boxes_meet
 
 BESIDE_ERROR = 1e-14  # of a plane's value at a point, over the product of absolute values in it: some 20 roundings of 2^-53
 
@@ -76,7 +76,7 @@ def winding_number(positions, faces, order, boxes, point, stack, above):
 def winding_numbers(positions, faces, order, boxes, points):
     """(winding number (n,) i4, on (n,) bool) of points (n, 3) f8; on: exactly in a face that is not seen edge-on along z.
 
-    positions (v, 3) f4, faces (f, 3) i4: closed, oriented; order, boxes: `bake_boxes.build_boxes` of them. The number of a
+    positions (v, 3) f4, faces (f, 3) i4: closed, oriented; order, boxes: `geometry.boxes.build_boxes` of them. The number of a
     point that is on the mesh is that of one side of it.
     """
     winding = np.zeros(points.shape[0], np.int32)

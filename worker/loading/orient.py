@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.boxes import build_boxes
 from geometry.topology import face_components
 from schemas.conventions import F4, F8, Array
-from worker.kernels import bake_boxes, verify_enclosure
+from worker.kernels import verify_enclosure
 from worker.kernels.load_around_edge import neighbours_around
 from worker.kernels.load_union import directions
 from worker.loading.manifold import MOST_FACES
@@ -126,7 +127,7 @@ def _cavities(surface: Surface, component: Index, negative: Index, closed: Mask)
 
 def _is_inside(positions: F4, vertices: Index, faces: Array) -> bool:
     """Whether at least half of some vertices, but for those on a solid, are inside it, each exactly; where all are on it, it is."""
-    order, boxes = bake_boxes.build_boxes(positions, faces)
+    order, boxes = build_boxes(positions, faces)
     points = positions[vertices[:MOST_LOOKS]].astype(np.float64)
     winding, on = verify_enclosure.winding_numbers(positions, faces, order, boxes, points)
     # a vertex that touches the wall may have been rounded to either side of it
