@@ -29,7 +29,11 @@ def facing(positions, faces, eye):
 
 def silhouette(positions, faces, eye):
     """Set of directed edges (v0, v1) whose left face is front-facing and whose right face is not, from the faces alone."""
-    front = facing(positions, faces, eye)
+    return silhouette_of(facing(positions, faces, eye), faces)
+
+
+def silhouette_of(front, faces):
+    """The same for faces of which is known whether they are front-facing, (f,) bool."""
     sides = defaultdict(dict)
     for number, (i, j, k) in enumerate(faces.tolist()):
         for edge in ((i, j), (j, k), (k, i)):

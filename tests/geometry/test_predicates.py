@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from geometry.predicates import front_facing, orient2d_sign, orient_sign
-from tests import degenerate, meshes, oracles, oracles_integer
+from tests import degenerate, eye_cases, meshes, oracles, oracles_integer
 
 grid = st.integers(-8, 8).map(lambda i: i / 8.0)
 anywhere = st.floats(-4, 4, width=32, allow_subnormal=False).filter(lambda x: x == 0 or abs(x) > 1e-20)
@@ -115,6 +115,15 @@ def test_whole_numbers_give_the_rational_sign(family):
 
 
 HUGE, TINY = np.finfo(np.float64).max, 5e-324
+
+
+@settings(max_examples=40, deadline=None)
+@given(eye_cases.strategy(), st.sampled_from([1.0, 1e-12, 1e12]))
+def test_facing_in_whole_numbers_is_the_rational_one(eye, scale):
+    positions, faces = meshes.cube(2)
+    positions = (positions * scale).astype(np.float32)
+    for place in (eye, np.append(positions[5].astype(np.float64), 1.0)):
+        assert np.array_equal(oracles_integer.Facing(positions, faces).front(place), oracles.facing(positions, faces, place))
 
 
 @pytest.mark.parametrize("eye", [(HUGE, TINY, 0.1), (-1e300, 1e12, 2.0**-600), (2.0**996, 2.0**-1074, 2.0**970), (HUGE, HUGE, -HUGE)])

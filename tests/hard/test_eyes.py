@@ -26,6 +26,7 @@ from service.silhouette.project import project_edges
 from tests import oracles
 from tests.hard.rays import covered, layers
 from tests.hard.standing import UNIT, framed, standpoints, unframed
+from tests.oracles_integer import Facing
 from tests.service.render.made import clippable, grown
 
 SHAPES = ("cube", "torus", "knot", "joined")
@@ -54,9 +55,9 @@ def brute(positions, faces, eye):
 def test_every_way_to_a_silhouette_gives_the_rational_one(name):
     asset, eyes = stood(name)
     table = (asset.positions, asset.faces, *asset.edges)
-    planes = face_planes(asset.positions, asset.faces)
+    planes, facing = face_planes(asset.positions, asset.faces), Facing(asset.positions, asset.faces)
     for label, eye in eyes.items():
-        expected = oracles.silhouette(asset.positions, asset.faces, eye)
+        expected = oracles.silhouette_of(facing.front(eye), asset.faces)
         assert oracles.edge_set(asset.tree.extract(eye).edges) == expected, label
         assert oracles.edge_set(silhouette_scalar(*table, eye)) == expected, label
         assert oracles.edge_set(silhouette_simd(planes, *table, eye)) == expected, label

@@ -28,6 +28,7 @@ from tests.hard.examples import examples
 from tests.hard.rays import layers
 from tests.hard.standing import UNIT, standpoints
 from tests.oracles_hull import distance, points_outside, surface_points, winding_numbers
+from tests.oracles_integer import Facing
 from tests.service.render.made import grown, quiet
 from worker.hull import build_hull
 
@@ -104,12 +105,12 @@ def test_marched_meshes_are_closed_and_right_side_out(mesh):
 
 @examples(12)
 @given(random_meshes, st.data())
-def test_tree_brute_force_and_fractions_agree_and_contours_close(mesh, data):
+def test_tree_brute_force_and_whole_numbers_agree_and_contours_close(mesh, data):
     positions, faces = mesh
-    tree = tree_of(positions, faces)
+    tree, facing = tree_of(positions, faces), Facing(positions, faces)
     for _ in range(6):
         eye = data.draw(eyes_about(mesh))
-        expected = oracles.silhouette(positions, faces, eye)
+        expected = oracles.silhouette_of(facing.front(eye), faces)
         edges = tree.extract(eye).edges
         assert oracles.edge_set(edges) == expected
         assert oracles.edge_set(silhouette_scalar(positions, faces, tree.edge_vertices, tree.edge_faces, eye)) == expected
