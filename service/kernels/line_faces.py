@@ -64,11 +64,11 @@ def drop_ties(counts, matrix, grid, positions, faces, side, turned, beside):
 
 
 @njit(cache=True, nogil=True)
-def layer_by_sight(counts, side, turned, faces, marks, layer):
-    """The nearest layer where facing does not tell: faces that were seen, and those that adjoin one of them turned the same way.
+def layer_by_sight(counts, small, matrix, grid, positions, side, turned, faces, marks, layer):
+    """The nearest layer where facing does not tell: faces that were seen, and small ones that adjoin one of them turned the same way.
 
-    A face may be too small to have a sample; its neighbours then stand for it. turned (f,) u1 (`geometry.features`) makes facings of
-    neighbours comparable. marks: (v, 2) u1, room for the two sides of the vertices.
+    One that could have less than `small` samples may have none; its neighbours then stand for it. turned (f,) u1 (`geometry.features`)
+    makes facings of neighbours comparable. marks: (v, 2) u1, room for the two sides of the vertices.
     """
     marks[:] = 0
     for f in range(layer.shape[0]):
@@ -78,7 +78,9 @@ def layer_by_sight(counts, side, turned, faces, marks, layer):
                 marks[faces[f, k], s] = 1
     for f in range(layer.shape[0]):
         s = (side[f] >> 1) ^ turned[f]
-        layer[f] = np.uint8(counts[f] > 0) | marks[faces[f, 0], s] | marks[faces[f, 1], s] | marks[faces[f, 2], s]
+        layer[f] = counts[f] > 0
+        if not layer[f] and (marks[faces[f, 0], s] | marks[faces[f, 1], s] | marks[faces[f, 2], s]):
+            layer[f] = _samples_of(matrix, grid, positions, faces, f) < small
 
 
 @njit(cache=True, nogil=True)
@@ -133,16 +135,16 @@ def choose_grazing(layer, planes, positions, faces, eye, most_sine, chosen):
 
 
 @njit(cache=True, nogil=True)
-def layer_edges(layer, of_layer, side, faces, inner, beside, ends):
-    """Edges inner (e, 2) i4 with the nearest layer on one side alone, of the faces beside (e, 2) i4, into ends; their count.
+def layer_edges(layer, of_layer, side, turned, faces, inner, beside, ends):
+    """Edges inner (e, 2) i4, with faces beside (e, 2) i4, over which the surface turns away from the nearest layer; their count.
 
-    A row of ends (n, 4) i4: start, end, third corner of the face that is of the layer (of_layer 1) or the one that is not (0), and 1 where
-    that is front-facing, -1 where not.
+    A row of ends (n, 4) i4, which is filled: start, end, third corner of the face that is of the layer (of_layer 1) or the one that is
+    not (0), and 1 where that is front-facing, -1 where not.
     """
     count = 0
     for i in range(inner.shape[0]):
         one, other = np.uint32(beside[i, 0]), np.uint32(beside[i, 1])
-        if layer[one] != layer[other]:
+        if layer[one] != layer[other] and (side[one] >> 1) ^ turned[one] != (side[other] >> 1) ^ turned[other]:
             _put_edge(one if layer[one] == of_layer else other, inner[i, 0], inner[i, 1], side, faces, ends[count])
             count += 1
     return count

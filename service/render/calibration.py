@@ -14,11 +14,13 @@ import numpy as np
 from geometry.tile_layout import TileLayout
 from geometry.topology import build_edges
 from schemas.conventions import F4, I4, Array, Frame
+from schemas.lines import LineMethod, Lines, LineStyle
 from schemas.mesh import Capability
 from schemas.render import Accuracy, RenderRequest, Source
 from service.assets import MeshAsset
 from service.costs import AREA, BEYOND, EDGES, FACES, FIXED, IMAGE, SAMPLES, SIDE, TERMS_OF, kind_of
 from service.render.frame import RenderedImage
+from service.render.line_plan import LINE_PASSES
 from service.rungs import SURFACE
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import SilhouetteLevel
@@ -27,6 +29,8 @@ Submit = Callable[[MeshAsset, RenderRequest], Future[RenderedImage]]
 SPHERES = ((3, 2), (6, 3))
 """How often the faces of an octahedron are split in four, for the mesh and for its hull."""
 SIDES_PX = (96, 400)
+EVERY_LINE = Lines(method=LineMethod.FATTENED, charcoal=True, orientation="any", ridge=LineStyle(), ridge_deg=0.1)
+"""Has all passes that lines can have."""
 FRAMES = 2
 """Timed ones of each kind, after one that is not."""
 TEXELS = 256
@@ -118,10 +122,11 @@ def _requests() -> Iterator[RenderRequest]:
         for source, antialias in SURFACE:
             for level in (-1, 0) if source is Source.CLIPPED else (None,):
                 yield RenderRequest(width=side, height=side, accuracy=Accuracy(source=source, antialias=antialias, level=level))
+        yield RenderRequest(width=side, height=side, lines=EVERY_LINE)
 
 
 def _samples(asset: MeshAsset, request: RenderRequest, images: list[RenderedImage]) -> Iterator[tuple[str, _Sample]]:
-    """Every pass of these pictures, and what lies between the passes, by kind."""
+    """Every pass of these pictures, and what lies between the passes, by kind; of pictures with lines, the passes of lines alone."""
     first = images[0]
     assert first.planned is not None
     plan, area = first.planned, first.area.pixels
@@ -131,9 +136,11 @@ def _samples(asset: MeshAsset, request: RenderRequest, images: list[RenderedImag
         IMAGE: float(request.width * request.height), SAMPLES: float(area * plan.sample_grid**2),
         BEYOND: 0.0 if plan.level is None else plan.level.error_px * area**0.5,
     }  # fmt: skip
-    for name in first.plan:
+    for name in first.plan if request.lines is None else LINE_PASSES:
         ms = statistics.median(dict(image.passes)[name] for image in images)
         yield kind_of(plan.source, plan.antialias, name), _Sample(terms, ms)
+    if request.lines is not None:
+        return
     between = statistics.median(image.ms - sum(ms for _, ms in image.passes) for image in images)
     yield "frame", _Sample(terms, between)
 

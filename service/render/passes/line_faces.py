@@ -7,6 +7,8 @@ edge-on; others would be hidden, or show through a surface that is thinner than 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from geometry.silhouettes import face_sides
@@ -28,6 +30,8 @@ from service.render.state import FrameState
 
 MOST_SINE = 0.2
 """|V . N| of the farthest from edge-on that pulled faces are drawn: they can widen a line by 1/50 of the radius of curvature."""
+SMALL = 4.0
+"""Samples that a face can have and yet have none, between them; for pulled faces all are small: hidden ones must not come through."""
 GRAZING = 0.1
 """|V . N| below which charcoal makes front faces fatter (section 4)."""
 
@@ -38,7 +42,8 @@ def find_line_faces(frame: FrameState) -> None:
     assert lines is not None
     planes, positions, faces = surface.planes, surface.positions, surface.faces
     side = face_sides(planes, positions, faces, eye)
-    layer, chosen = _nearest_layer(frame, side), np.empty(len(faces), np.int32)
+    small = math.inf if lines.method is LineMethod.TRANSLATED else SMALL
+    layer, chosen = _nearest_layer(frame, side, small), np.empty(len(faces), np.int32)
     frame.layer = layer
     if lines.silhouette is not None and lines.method is LineMethod.TRANSLATED:
         touched = np.empty(len(positions), np.uint8)
@@ -52,7 +57,7 @@ def find_line_faces(frame: FrameState) -> None:
         all_edges(grazing, side, faces, frame.line_ends["charcoal"])
 
 
-def _nearest_layer(frame: FrameState, side: U1) -> U1:
+def _nearest_layer(frame: FrameState, side: U1, small: float) -> U1:
     """(f,) u1."""
     surface = frame.asset.line_surface
     layer = np.empty(len(surface.faces), np.uint8)
@@ -61,7 +66,8 @@ def _nearest_layer(frame: FrameState, side: U1) -> U1:
     else:
         matrix, grid = frame.view.pixels, float(frame.plan.sample_grid)
         drop_ties(frame.samples, matrix, grid, surface.positions, surface.faces, side, surface.turned, surface.inner[1])
-        layer_by_sight(frame.samples, side, surface.turned, surface.faces, np.empty((len(surface.positions), 2), np.uint8), layer)
+        marks = np.empty((len(surface.positions), 2), np.uint8)
+        layer_by_sight(frame.samples, small, matrix, grid, surface.positions, side, surface.turned, surface.faces, marks, layer)
     return layer
 
 
@@ -72,6 +78,6 @@ def _silhouette(surface: LineSurface, layer: U1, side: U1, of_layer: int) -> I4:
     """
     (inner, beside), ending = surface.inner, surface.ending
     ends = np.empty((len(inner) + len(ending), 4), np.int32)
-    count = layer_edges(layer, of_layer, side, surface.faces, inner, beside, ends)
+    count = layer_edges(layer, of_layer, side, surface.turned, surface.faces, inner, beside, ends)
     count += open_edges(layer, side, surface.faces, ending, ends[count:])
     return ends[:count]

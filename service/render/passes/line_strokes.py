@@ -23,8 +23,11 @@ ROUND_PX = 0.3
 """How far a round end may be off a circle, pixels."""
 NEARER_RADII, NEARER_PX = 3.0, 1.0
 """Strokes on edges are drawn nearer by so many radii and pixels, in pixels' sizes: the surface beside may rise 3 on each pixel."""
-MOST_RISE, SURE_PX = 1.0, 0.5
-"""A silhouette's edges are drawn nearer by what the surface beside rises, at most so much on each pixel, and by half a pixel's size."""
+MOST_RISE = 1.0
+"""A silhouette's edges are drawn nearer by what the surface beside rises, at most so much on each pixel."""
+FOLD_PX, FOLD_RADII = 2.0, 1.0
+"""Silhouettes are drawn farther by so many pixels' sizes (wireframe), or so many radii and as much again as a pixel (fattened): what is
+behind a fold must be farther than that, so that the roughness of scans is not all lines."""
 FIT_MARGIN = 1.02
 
 
@@ -76,7 +79,7 @@ def _wire_pen(frame: FrameState, lines: Lines, style: LineStyle) -> Pen:
     radius = 0.5 * style.width
     (share, shift), by, rise = pixel_depth(frame.view), 0.0, 0.0
     if lines.pull.amount is None:
-        share, shift, rise = SURE_PX * share, SURE_PX * shift, MOST_RISE
+        share, shift, rise = -FOLD_PX * share, -FOLD_PX * shift, MOST_RISE
     elif lines.pull.by == "offset":
         share, shift = lines.pull.amount * share, lines.pull.amount * shift
     else:
@@ -93,7 +96,9 @@ def _edge_pen(frame: FrameState, lines: Lines, style: LineStyle) -> Pen:
 
 def _fat_pen(frame: FrameState, lines: Lines, style: LineStyle, least_gain: float) -> Pen:
     width = style.width * (_distance_factor(frame) if lines.declutter else 1.0)
-    return Pen(width, _reference(frame, lines), 0.0, 0.0, 0.0, _steps(width), least_gain, 0.0)
+    farther = 0.0 if least_gain < 0.0 else FOLD_RADII * (1.0 + width)
+    share, shift = pixel_depth(frame.view)
+    return Pen(width, _reference(frame, lines), -farther * share, -farther * shift, 0.0, _steps(width), least_gain, 0.0)
 
 
 def _distance_factor(frame: FrameState) -> float:
