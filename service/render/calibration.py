@@ -29,8 +29,8 @@ Submit = Callable[[MeshAsset, RenderRequest], Future[RenderedImage]]
 SPHERES = ((3, 2), (6, 3))
 """How often the faces of an octahedron are split in four, for the mesh and for its hull."""
 SIDES_PX = (96, 400)
-EVERY_LINE = Lines(method=LineMethod.FATTENED, charcoal=True, orientation="any", ridge=LineStyle(), ridge_deg=0.1)
-"""Has all passes that lines can have."""
+LINES = (Lines(method=LineMethod.FATTENED, charcoal=True, orientation="any", ridge=LineStyle(), ridge_deg=0.1), Lines())
+"""Have all passes that lines can have between them."""
 FRAMES = 2
 """Timed ones of each kind, after one that is not."""
 TEXELS = 256
@@ -122,7 +122,7 @@ def _requests() -> Iterator[RenderRequest]:
         for source, antialias in SURFACE:
             for level in (-1, 0) if source is Source.CLIPPED else (None,):
                 yield RenderRequest(width=side, height=side, accuracy=Accuracy(source=source, antialias=antialias, level=level))
-        yield RenderRequest(width=side, height=side, lines=EVERY_LINE)
+        yield from (RenderRequest(width=side, height=side, lines=lines) for lines in LINES)
 
 
 def _samples(asset: MeshAsset, request: RenderRequest, images: list[RenderedImage]) -> Iterator[tuple[str, _Sample]]:
@@ -136,7 +136,7 @@ def _samples(asset: MeshAsset, request: RenderRequest, images: list[RenderedImag
         IMAGE: float(request.width * request.height), SAMPLES: float(area * plan.sample_grid**2),
         BEYOND: 0.0 if plan.level is None else plan.level.error_px * area**0.5,
     }  # fmt: skip
-    for name in first.plan if request.lines is None else LINE_PASSES:
+    for name in first.plan if request.lines is None else (step for step in first.plan if step in LINE_PASSES):
         ms = statistics.median(dict(image.passes)[name] for image in images)
         yield kind_of(plan.source, plan.antialias, name), _Sample(terms, ms)
     if request.lines is not None:

@@ -79,6 +79,7 @@ _LINE_REASONS = {
     "charcoal": "faces seen nearly edge-on were asked to be fatter",
     "lines_back": "back faces are drawn as the silhouette's lines",
     "line_edges": "edges were asked for whatever the view",
+    "edge_mesh": "edges that are lines in this view are drawn as such",
 }
 
 

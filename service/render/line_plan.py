@@ -12,7 +12,7 @@ from service.camera import View
 
 OF_HULLS = ("max_error_px", "budget_ms", "min_psnr_db", "level", "hull_faces", "texels")
 """Fields of `accuracy` that choose among ways to draw a hull, or between that and the mesh."""
-LINE_PASSES = ("first_layer", "line_faces", "line_strokes", "charcoal", "lines_back", "line_edges")
+LINE_PASSES = ("first_layer", "line_faces", "line_strokes", "charcoal", "lines_back", "line_edges", "edge_mesh")
 """Passes that only lines have, in order."""
 SAMPLED = (Antialias.NONE, Antialias.MSAA, Antialias.SSAA)
 

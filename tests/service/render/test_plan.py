@@ -102,7 +102,7 @@ def test_every_pass_is_in_some_plan_and_every_plan_in_the_frame():
         for name in plan(mode=mode, antialias=a, source=s).passes
     }
     drawn = {"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}
-    assert used | plan(smooth=True).passes | plan(lines=drawn).passes == set(names)
+    assert used | plan(smooth=True).passes | plan(lines=drawn).passes | plan(lines={}).passes == set(names)
 
 
 def test_clipping_can_be_insisted_on():
