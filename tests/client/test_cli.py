@@ -77,7 +77,7 @@ def test_render_and_silhouette_of_a_file_that_is_not_kept(service, client, tmp_p
     assert "<svg" in (tmp_path / "k.svg").read_text()[:300]
     assert {mesh.id for mesh in client.list()} == known
     refused = silhouette("render", "3f2a91", "-o", tmp_path / "k.png", "--once", url=service.url)
-    assert refused.returncode != 0 and "is none" in refused.stderr
+    assert refused.returncode != 0 and b"is none" in refused.stderr
 
 
 def test_list_and_info_as_json_and_as_table(service, knot):

@@ -178,7 +178,7 @@ def test_nothing_survives_the_death_of_the_owner(tmp_path):
     owner = subprocess.Popen([sys.executable, "-c", OWNER, str(tmp_path)], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     with owner:
         pids = [int(word) for word in owner.stdout.readline().split()]
-        assert len(pids) == 2
+        assert len(pids) == 3
         assert all(alive(pid) for pid in pids)
         owner.kill()
         wait_until(lambda: not any(alive(pid) for pid in pids), 5.0)

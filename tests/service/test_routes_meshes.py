@@ -301,7 +301,8 @@ def test_unknown_mesh_is_404_everywhere(http, mesh_id):
     ):
         body = {"json": {}} if method == "POST" else {}
         answer = http.request(method, f"/v1/meshes/{mesh_id}{call}", **body)
-        assert answer.status_code in (404, 405), call
+        # a client makes /v1/render of /v1/meshes/../render, which is there and misses its mesh
+        assert answer.status_code in ((404, 405, 415) if answer.request.url.path == f"/v1{call}" else (404, 405)), call
         assert answer.headers["content-type"] == "application/problem+json"
 
 

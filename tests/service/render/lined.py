@@ -66,7 +66,7 @@ def asset_of(mesh, name) -> MeshAsset:
         edges = None
     reason = Capability(available=False, reason="it has no hull")
     normals = vertex_normals(positions, faces)
-    return MeshAsset(name, frame, positions, faces, normals, None, edges, None, None, None, reason)
+    return MeshAsset(f"lined {name}", frame, positions, faces, normals, None, edges, None, None, None, reason)
 
 
 def along_edges(view, positions, ends, step=0.5):
