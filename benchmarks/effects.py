@@ -75,6 +75,10 @@ EFFECTS = (
     ),
     Effect("white", "slab", "Over white", {"lines": {"ridge": {}}, "shading": {"fill": "white"}}),
     Effect("lines_alone", "knot", "Lines alone, on a transparent picture", {"lines": {}, "shading": {"fill": "none"}}),
+    *(
+        Effect(mode, mesh, f"Shading: {mode}", {"lines": {}, "shading": {"mode": mode}})
+        for mode, mesh in (("gooch", "knot"), ("flat", "slab"), ("depth", "knot"), ("matcap", "knot"))
+    ),
     Effect(
         "visible",
         "slab",

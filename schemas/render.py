@@ -80,11 +80,19 @@ AnyCamera = Annotated[Annotated[Camera, Tag(CAMERA_FORMS[0])] | Annotated[OrbitC
 
 
 class ShadingMode(StrEnum):
-    """How the surface is shaded; `mask` is the silhouette's coverage alone, in `color`."""
+    """How the surface is shaded; `mask` is the silhouette's coverage alone, in `color`.
+
+    gooch: from cool to warm as it turns to the light (Gooch 1998). flat: lambert with the normals of faces. depth: the nearer the
+    lighter. matcap: lit as a ball of clay that turns with the camera. These four are drawn on the mesh itself.
+    """
 
     LAMBERT = "lambert"
     NORMAL = "normal"
     MASK = "mask"
+    GOOCH = "gooch"
+    FLAT = "flat"
+    DEPTH = "depth"
+    MATCAP = "matcap"
 
 
 class Fill(StrEnum):

@@ -96,6 +96,8 @@ class Plan:
         return GRID.get(self.antialias, 1)
 
 
+OF_THE_MESH = (ShadingMode.GOOCH, ShadingMode.FLAT, ShadingMode.DEPTH, ShadingMode.MATCAP)
+"""Shading that hulls have not."""
 _NOMINAL = CostModel("nominal", NOMINAL)
 
 
@@ -109,6 +111,8 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
     lines = lines_asked(request)
     if lines is not None:
         accuracy = lined(accuracy)
+    elif mode in OF_THE_MESH:
+        accuracy = _of_the_mesh(accuracy, mode)
     if accuracy.smooth:
         accuracy = _smoothed(accuracy, asset, view.eye)
     area = visible_area(asset, view, 0 if lines is None else reach_px(lines, view))
@@ -141,6 +145,13 @@ def visible_area(asset: MeshAsset, view: View, reach: int = 0) -> Tile:
     if kind == SOME:
         return whole.within((x0, y0), (x1, y1), BORDER + reach)
     return whole if kind == UNKNOWN else Tile(0, 0, 0, 0)
+
+
+def _of_the_mesh(accuracy: Accuracy, mode: ShadingMode) -> Accuracy:
+    """What shading that only the mesh has leaves of an accuracy."""
+    if accuracy.source is Source.CLIPPED:
+        raise InvalidRequestError(f"{mode.value} shades the original mesh: a clipped hull has none", field="accuracy.source")
+    return accuracy.model_copy(update={"source": Source.ORIGINAL})
 
 
 def _smoothed(accuracy: Accuracy, asset: MeshAsset, eye: F8) -> Accuracy:

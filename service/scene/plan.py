@@ -14,7 +14,7 @@ from schemas.scene import SceneRequest, matrix_of
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
 from service.kernels.screen_bounds import NOTHING, screen_bounds
-from service.render.plan import plan_frame
+from service.render.plan import OF_THE_MESH, plan_frame
 from service.scene.order import Group, Placed, sort_groups
 from service.scene.place import own_view, place, sphere_around, view_of
 from service.tile import BORDER
@@ -132,6 +132,10 @@ def _of_object(request: SceneRequest, index: int, accuracy: Accuracy) -> RenderR
 
 def _check(part: Part) -> None:
     """Refuse now what the drawing of this object would refuse."""
+    if part.request.shading.mode in OF_THE_MESH:
+        raise InvalidRequestError(
+            f"{part.request.shading.mode.value} shades single meshes, not scenes", field="shading.mode", object=part.index
+        )
     try:
         plan_frame(part.request, part.asset, part.view)
     except InvalidRequestError as error:

@@ -11,7 +11,16 @@ from service.render.passes.light import light_of
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
 WHITE = "#ffffff"
-SHOW = {ShadingMode.LAMBERT: "SHOW_LAMBERT", ShadingMode.NORMAL: "SHOW_NORMAL", ShadingMode.MASK: "SHOW_FLAT"}
+SHOW = {
+    ShadingMode.LAMBERT: "SHOW_LAMBERT",
+    ShadingMode.NORMAL: "SHOW_NORMAL",
+    ShadingMode.MASK: "SHOW_PLAIN",
+    ShadingMode.GOOCH: "SHOW_GOOCH",
+    ShadingMode.FLAT: "SHOW_FACES",
+    ShadingMode.DEPTH: "SHOW_DEPTH",
+    ShadingMode.MATCAP: "SHOW_MATCAP",
+}
+COLORLESS = (ShadingMode.NORMAL, ShadingMode.MASK, ShadingMode.DEPTH)
 
 
 def draw_surface(frame: FrameState) -> None:
@@ -33,7 +42,7 @@ def draw_surface(frame: FrameState) -> None:
 def surface_of(frame: FrameState) -> Surface:
     """The surface that the plan draws, in the GL."""
     shading = frame.request.shading
-    plain = shading.mode is not ShadingMode.LAMBERT or shading.fill is not Fill.SHADED or _charcoal(frame)
+    plain = shading.mode in COLORLESS or shading.fill is not Fill.SHADED or _charcoal(frame)
     colored = shading.use_mesh_color and not plain
     return frame.gpu.cache.get(frame.asset, frame.plan.hull, colored=colored, halvings=frame.plan.halvings)
 
@@ -52,7 +61,8 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
     """The program `vertex` with the surface's shading, all uniforms and textures set."""
     shading = frame.request.shading
     white, charcoal = shading.fill is Fill.WHITE, _charcoal(frame)
-    show = "SHOW_FLAT" if white else "SHOW_CHARCOAL" if charcoal else SHOW[shading.mode]
+    lit = SHOW[ShadingMode.LAMBERT] if vertex == "rim" and shading.mode is ShadingMode.FLAT else SHOW[shading.mode]  # edges have no face
+    show = "SHOW_PLAIN" if white else "SHOW_CHARCOAL" if charcoal else lit
     definitions = {show} | (set() if frame.plan.closed else {"TWO_SIDED"})
     placed = {} if frame.view.normal_matrix is None else {"normal_matrix": frame.view.normal_matrix.T.astype(np.float32).tobytes()}
     program = frame.gpu.programs.get(vertex, "surface", surface.definitions | definitions | {name.upper() for name in placed})
@@ -65,6 +75,7 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
         light=light_of(frame),
         ambient=shading.ambient,
         eye=tuple(frame.view.eye.tolist()),
+        camera_axes=np.ascontiguousarray(frame.view.view[:3, :3].T, np.float32).tobytes(),
         **placed,
         **{name: unit for unit, name in enumerate(surface.textures)},
     )

@@ -28,6 +28,10 @@ in vec4 b_color;
 out vec3 color;
 #endif
 
+#ifdef SHOW_DEPTH
+out vec3 place;
+#endif
+
 const float FAR_DEPTH = 0.9999999;
 
 void main() {
@@ -46,6 +50,9 @@ void main() {
     vec2 corner = (at_end ? q + half_width * along : p - half_width * along) + side * half_width * vec2(-along.y, along.x);
     gl_Position = near_a < 0.0 && near_b < 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : vec4(corner * pixel, FAR_DEPTH, 1.0);
     float t = at_end ? end : start;
+#ifdef SHOW_DEPTH
+    place = mix(a_position, b_position, t);
+#endif
 #ifdef NORMAL
     normal = mix(a_normal, b_normal, t);
 #endif

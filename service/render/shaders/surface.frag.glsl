@@ -1,6 +1,6 @@
 // Colour of a surface as sRGB bytes, opaque. Definitions: NORMAL_MAP (otherwise NORMAL), COLOR_MAP and COLOR (their product;
-// neither: base_color), TWO_SIDED, NORMAL_MATRIX (the surface is placed in a scene), and one of SHOW_LAMBERT, SHOW_NORMAL, SHOW_FLAT,
-// SHOW_CHARCOAL (the grey of Image Precision Silhouette Edges, section 4).
+// neither: base_color), TWO_SIDED, NORMAL_MATRIX (the surface is placed in a scene), and one of SHOW_LAMBERT, SHOW_NORMAL, SHOW_PLAIN,
+// SHOW_CHARCOAL (the grey of Image Precision Silhouette Edges, section 4), SHOW_GOOCH, SHOW_FACES, SHOW_DEPTH, SHOW_MATCAP.
 //! include srgb.part.glsl
 uniform vec3 base_color;  // linear
 uniform vec3 base_root;   // base_color to the power of 1 / 2.4
@@ -11,6 +11,12 @@ uniform mat3 normal_matrix;
 #endif
 #ifdef SHOW_CHARCOAL
 in vec3 to_eye;
+#endif
+#if defined(SHOW_FACES) || defined(SHOW_DEPTH)
+in vec3 place;  // normalised units: the mesh is within 1 of the origin
+#endif
+#if defined(SHOW_DEPTH) || defined(SHOW_MATCAP)
+uniform mat3 camera_axes;  // takes directions of the object to right, up and backward
 #endif
 #ifdef NORMAL
 in vec3 normal;
@@ -55,12 +61,47 @@ vec3 surface_color() {
     return c;
 }
 
+vec3 base() {
+#if defined(COLOR_MAP) || defined(COLOR)
+    return surface_color();
+#else
+    return base_color;
+#endif
+}
+
+#ifdef SHOW_FACES
+vec3 face_normal() {
+    vec3 n = cross(dFdx(place), dFdy(place));
+    n *= dot(n, surface_normal()) < 0.0 ? -1.0 : 1.0;
+    return n * inversesqrt(max(dot(n, n), 1e-30));
+}
+#endif
+
+#ifdef SHOW_MATCAP
+vec3 clay(vec3 n, vec3 c) {
+    float key = max(dot(n, vec3(-0.408, 0.577, 0.707)), 0.0);
+    float gloss = pow(max(dot(n, vec3(-0.221, 0.312, 0.924)), 0.0), 40.0);
+    float rim = pow(1.0 - clamp(n.z, 0.0, 1.0), 3.0);
+    return c * (0.12 + 0.78 * key) + vec3(0.25 * gloss) + 0.22 * rim * mix(c, vec3(1.0), 0.5);
+}
+#endif
+
 void main() {
 #if defined(SHOW_NORMAL)
     fragment = vec4(surface_normal() * 0.5 + 0.5, 1.0);
 #elif defined(SHOW_CHARCOAL)
     fragment = vec4(vec3((1.0 + dot(normalize(to_eye), surface_normal())) / 3.0), 1.0);
-#elif defined(SHOW_FLAT)
+#elif defined(SHOW_GOOCH)
+    float warmth = 0.5 + 0.5 * dot(surface_normal(), light);
+    vec3 tone = srgb_from_linear(base());  // Gooch's blue and yellow are of displayed colours
+    fragment = vec4(mix(vec3(0.0, 0.0, 0.4) + 0.2 * tone, vec3(0.4, 0.4, 0.0) + 0.6 * tone, warmth), 1.0);
+#elif defined(SHOW_FACES)
+    fragment = vec4(srgb_from_linear(base() * mix(max(dot(face_normal(), light), 0.0), 1.0, ambient)), 1.0);
+#elif defined(SHOW_DEPTH)
+    fragment = vec4(vec3(clamp(0.5 + 0.45 * (camera_axes * place).z, 0.0, 1.0)), 1.0);
+#elif defined(SHOW_MATCAP)
+    fragment = vec4(srgb_from_linear(min(clay(camera_axes * surface_normal(), base()), vec3(1.0))), 1.0);
+#elif defined(SHOW_PLAIN)
     fragment = vec4(srgb_from_linear(base_color), 1.0);
 #else
     float lit = mix(max(dot(surface_normal(), light), 0.0), 1.0, ambient);

@@ -6,6 +6,9 @@ in vec3 in_position;
 uniform vec4 eye;
 out vec3 to_eye;
 #endif
+#if defined(SHOW_FACES) || defined(SHOW_DEPTH)
+out vec3 place;
+#endif
 #ifdef NORMAL
 in vec3 in_normal;
 out vec3 normal;
@@ -23,6 +26,9 @@ void main() {
     gl_Position = placed(in_position);
 #ifdef SHOW_CHARCOAL
     to_eye = normalize(eye.xyz - eye.w * in_position);
+#endif
+#if defined(SHOW_FACES) || defined(SHOW_DEPTH)
+    place = in_position;
 #endif
 #ifdef NORMAL
     normal = in_normal;
