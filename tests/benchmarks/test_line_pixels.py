@@ -25,6 +25,6 @@ def test_every_method_draws_the_visible_silhouette_and_nothing_else(tmp_path):
 def test_ink_without_a_line_and_a_line_without_ink_are_told():
     line = np.stack([np.arange(0.0, 100.0), np.full(100, 50.0)], axis=1)
     assert compared(line, line) == (100.0, 100.0)
-    explained, found = compared(np.concatenate([line[:50], line[:50] + (0.0, 20.0)]), line)
+    explained, found = compared(np.concatenate([line[:50], np.add(line[:50], (0.0, 20.0))]), line)
     assert explained == 50.0 and found < 55.0
     assert compared(line, np.empty((0, 2))) == (0.0, 0.0) and compared(np.empty((0, 2)), np.empty((0, 2))) == (100.0, 100.0)
