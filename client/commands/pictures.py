@@ -11,7 +11,8 @@ from client.api import DEFAULT_URL
 from client.commands.choosing import MeshArgument, Once, Url, chosen, unkept
 from client.commands.console import write
 from client.commands.viewing import Azimuth, Elevation, Eye, Fov, MaxError, Size, Smooth, Target, by_suffix, camera_of, sides_of
-from schemas.render import Antialias, ImageFormat, ShadingMode, Source
+from schemas.lines import LineMethod
+from schemas.render import Antialias, Fill, ImageFormat, ShadingMode, Source
 
 IMAGE_SUFFIXES = {
     ".png": ImageFormat.PNG,
@@ -44,6 +45,10 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     level: Annotated[int | None, typer.Option(help="Level that the outline is taken from, finest first; -1 is the mesh.")] = None,
     hull_faces: Annotated[int | None, typer.Option(help="Draw the hull of the nearest size.")] = None,
     texels: Annotated[int | None, typer.Option(help="Draw with maps of at most so many texels a side.")] = None,
+    lines: Annotated[LineMethod | None, typer.Option(help="Draw lines over it, by this method; from the original mesh.")] = None,
+    line_width: Annotated[float, typer.Option(help="Pixels.")] = 1.5,
+    ridges: Annotated[bool, typer.Option("--ridges", help="Lines at sharp edges, too.")] = False,
+    fill: Annotated[Fill, typer.Option(help="What lies under lines: the shaded surface, white, or nothing.")] = Fill.SHADED,
     once: Once = False,
     url: Url = DEFAULT_URL,
 ) -> None:
@@ -52,6 +57,8 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     `silhouette render bunny.ply -o bunny.png --azimuth 40 --size 800x600`
 
     `silhouette render bunny.ply -o quick.png --budget 3` or `--max-error 0.5`; `silhouette accuracy bunny.ply` says what there is.
+
+    `silhouette render part.stl -o drawing.png --lines edge_mesh --ridges --fill white`
 
     `silhouette render part.stl -o part.png --once` keeps nothing of it.
 
@@ -63,7 +70,8 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         "width": width,
         "height": height,
         "background": background,
-        "shading": {"mode": shading},
+        "shading": {"mode": shading, "fill": fill},
+        "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges),
         "accuracy": {
             "antialias": antialias,
             "source": source,
@@ -84,6 +92,13 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         with chosen(url, mesh) as (client, mesh_id):
             picture = client.picture(mesh_id, **fields)
     write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
+
+
+def lines_of(method: LineMethod, width: float, *, ridges: bool) -> dict[str, Any]:
+    """Lines of one width, as a request holds them; what is sharp is drawn too if ridges are."""
+    style = {"width": width}
+    sharp = style if ridges else None
+    return {"method": method, "silhouette": style, "boundary": style, "ridge": sharp, "valley": sharp}
 
 
 def silhouette(  # noqa: PLR0913 - as above

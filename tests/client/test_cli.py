@@ -66,6 +66,15 @@ def test_silhouette_as_drawing_and_as_data(service, knot, tmp_path):
     assert json.loads(data.stdout)["edge_count"] > 10
 
 
+def test_render_with_lines_over_white(service, knot, tmp_path):
+    options = ("--lines", "edge_mesh", "--line-width", 3, "--ridges", "--fill", "white", "--size", 96)
+    run = silhouette("render", knot.id, "-o", tmp_path / "k.png", *options, url=service.url)
+    assert run.returncode == 0, run.stderr
+    assert b"edge_mesh" in run.stderr + run.stdout
+    with Image.open(tmp_path / "k.png") as image:
+        assert {(0, 0, 0, 255), (255, 255, 255, 255)} <= {colour for _, colour in image.getcolors(96 * 96)}
+
+
 def test_render_and_silhouette_of_a_file_that_is_not_kept(service, client, tmp_path, knot_file):
     known = {mesh.id for mesh in client.list()}
     run = silhouette("render", knot_file, "-o", tmp_path / "k.png", "--size", "60x40", "--once", url=service.url)
