@@ -109,3 +109,22 @@ def boxes_meet(one, other):
     """Whether two boxes (6,), low and high corners, have a point in common."""
     apart = one[3] < other[0] or one[0] > other[3] or one[4] < other[1] or one[1] > other[4]
     return not (apart or one[5] < other[2] or one[2] > other[5])
+
+
+@borrowing
+def next_leaf(boxes, reach, stack, top):
+    """(leaf, top): the next leaf whose box meets the box reach (6,), of the `top` nodes on the stack (STACK,) i8; -1 when there is none.
+
+    A search begins with the root alone: stack[0], top = 1, 1.
+    """
+    leaves = boxes.shape[0] // 2
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if not boxes_meet(reach, boxes[node]):
+            continue
+        if node >= leaves:
+            return node - leaves, top
+        stack[top], stack[top + 1] = 2 * node, 2 * node + 1
+        top += 2
+    return -1, 0

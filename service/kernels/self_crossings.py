@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from geometry.boxes import LEAF, STACK, boxes_meet
+from geometry.boxes import LEAF, STACK, boxes_meet, next_leaf
 from geometry.predicates import orient2d_sign, orient_sign
 from service.kernels.line_kinds import corner
 
@@ -217,16 +217,11 @@ def self_crossings(positions, faces, order, boxes, of_half, most):
         if start >= count or found[0] > 2 * most or found[1] > most:
             break
         stack[0], top = 1, 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if not boxes_meet(boxes[leaves + own], boxes[node]):
-                continue
-            if node < leaves:
-                stack[top], stack[top + 1] = 2 * node, 2 * node + 1
-                top += 2
-                continue
-            other = (node - leaves) * LEAF
+        while True:
+            leaf, top = next_leaf(boxes, boxes[leaves + own], stack, top)
+            if leaf < 0:
+                break
+            other = leaf * LEAF
             if other < start:
                 continue
             for i in range(start, min(start + LEAF, count)):
@@ -243,7 +238,7 @@ def segments_through(positions, faces, order, boxes, ends, owners, most):
     ends (m, 6) f8, owners (m, 2) i4: `self_crossings`. Exact for the ends as they are rounded. found: how many there would be; where that
     is more than `most`, the search has ended early.
     """
-    leaves, found = boxes.shape[0] // 2, 0
+    found = 0
     of, at = np.empty(most, np.int32), np.empty(most)
     stack, about = np.empty(STACK, np.int64), np.empty(6)
     for m in range(ends.shape[0]):
@@ -253,16 +248,11 @@ def segments_through(positions, faces, order, boxes, ends, owners, most):
         for k in range(3):
             about[k], about[3 + k] = min(p[k], q[k]), max(p[k], q[k])
         stack[0], top = 1, 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if not boxes_meet(about, boxes[node]):
-                continue
-            if node < leaves:
-                stack[top], stack[top + 1] = 2 * node, 2 * node + 1
-                top += 2
-                continue
-            start = (node - leaves) * LEAF
+        while True:
+            leaf, top = next_leaf(boxes, about, stack, top)
+            if leaf < 0:
+                break
+            start = leaf * LEAF
             for i in range(start, min(start + LEAF, faces.shape[0])):
                 f = order[i]
                 if f == owners[m, 0] or f == owners[m, 1]:

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from geometry.borrowing import borrowing
-from geometry.boxes import LEAF, STACK, boxes_meet
+from geometry.boxes import LEAF, STACK, next_leaf
 from geometry.predicates import UNDERFLOW_GUARD, orient2d_sign, orient_sign
 
 BESIDE_ERROR = 1e-14  # of a plane's value at a point, over the product of absolute values in it: some 20 roundings of 2^-53
@@ -33,22 +33,6 @@ def _covering(a, b, c, x, y):
 
 
 @borrowing
-def _next_leaf(boxes, reach, stack, top):
-    """(leaf, top): the next leaf whose box meets the box reach (6,) f8, of the `top` nodes on the stack; -1 when there is none."""
-    leaves = boxes.shape[0] // 2
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if not boxes_meet(reach, boxes[node]):
-            continue
-        if node >= leaves:
-            return node - leaves, top
-        stack[top], stack[top + 1] = 2 * node, 2 * node + 1
-        top += 2
-    return -1, 0
-
-
-@borrowing
 def winding_number(positions, faces, order, boxes, point, stack, above):
     """(winding number, on) of one point (3,) f8, as below. stack (STACK,) i8, above (6,) f8: scratch."""
     x, y, z = point[0], point[1], point[2]
@@ -56,7 +40,7 @@ def winding_number(positions, faces, order, boxes, point, stack, above):
     stack[0], top = 1, 1
     winding, on = 0, False
     while True:
-        leaf, top = _next_leaf(boxes, above, stack, top)
+        leaf, top = next_leaf(boxes, above, stack, top)
         if leaf < 0:
             return winding, on
         for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, faces.shape[0])):
@@ -166,7 +150,7 @@ def _crossings_of(n, p, q, corners, planes, order, boxes, pairs, count, stack, a
         about[k], about[3 + k] = min(p[k], q[k]), max(p[k], q[k])
     stack[0], top = 1, 1
     while True:
-        leaf, top = _next_leaf(boxes, about, stack, top)
+        leaf, top = next_leaf(boxes, about, stack, top)
         if leaf < 0:
             return count
         for i in range(leaf * LEAF, min(leaf * LEAF + LEAF, order.shape[0])):
@@ -255,7 +239,7 @@ def _contacts_of(
     """What `contacts` marks for the faces of one leaf, from `start` on, with this box (6,) f4; stack (STACK,) i8: scratch."""
     stack[0], top = 1, 1
     while True:
-        leaf, top = _next_leaf(other_boxes, box, stack, top)
+        leaf, top = next_leaf(other_boxes, box, stack, top)
         if leaf < 0:
             return
         for j in range(leaf * LEAF, min(leaf * LEAF + LEAF, other_faces.shape[0])):
