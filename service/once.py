@@ -19,7 +19,7 @@ from schemas.mesh import Capability
 from service.assets import CLIP, MeshAsset, load_asset
 from service.errors import FailedMeshError
 from service.state import Services
-from service.uploads import Upload, UploadLimits, receive_upload
+from service.uploads import Upload, receive_upload
 from service.waiting import Stopwatch, wait_for, wait_until
 
 NOT_PREPARED = "a mesh that is not kept is not prepared for clipping: upload it to /v1/meshes for that"
@@ -42,8 +42,7 @@ async def mesh_of(request: Request, parts: Services, beside: Collection[str]) ->
     """
     store, limit_s = parts.once, parts.settings.once_timeout_s
     with store.temporary() as file:
-        room = parts.store.free_bytes() - parts.settings.keep_free_mib * 2**20
-        upload = await receive_upload(request, file, UploadLimits(parts.settings.max_upload_mib * 2**20, room), beside)
+        upload = await receive_upload(request, file, parts.upload_limits, beside)
         clock = Stopwatch()
         token = await to_thread.run_sync(once.put, store, Path(file.name))
     try:

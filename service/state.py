@@ -14,6 +14,7 @@ from service.meshes import Meshes
 from service.render.renderer import Renderer
 from service.settings import ServiceSettings
 from service.slots import Slots
+from service.uploads import UploadLimits
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,12 @@ class Services:
     renderer: Renderer
     cpu: Slots
     renderer_fault: str | None
+
+    @property
+    def upload_limits(self) -> UploadLimits:
+        """What an upload that comes now may take."""
+        room = self.store.free_bytes() - self.settings.keep_free_mib * 2**20
+        return UploadLimits(self.settings.max_upload_mib * 2**20, room)
 
 
 def _services(request: Request) -> Services:

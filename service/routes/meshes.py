@@ -22,7 +22,7 @@ from schemas.mesh import MeshInfo, MeshPage, MeshStatus
 from service.meshes import NO_SUCH_MESH
 from service.routes.documented import UPLOAD_BODY, problems
 from service.state import Parts, Services
-from service.uploads import Upload, UploadLimits, receive_upload
+from service.uploads import Upload, receive_upload
 
 log = logging.getLogger("silhouette.service")
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"])
@@ -48,8 +48,7 @@ async def upload_mesh(request: Request, parts: Parts) -> Response:
     The same bytes with the same options are the same mesh, so uploading again costs nothing but the transfer.
     """
     with parts.store.temporary() as file:
-        room = parts.store.free_bytes() - parts.settings.keep_free_mib * 2**20
-        upload = await receive_upload(request, file, UploadLimits(parts.settings.max_upload_mib * 2**20, room))
+        upload = await receive_upload(request, file, parts.upload_limits)
         info, is_new = await to_thread.run_sync(_accept, parts, upload, Path(file.name))
     headers = {"Location": info.links["self"], "Cache-Control": "no-store"}
     return Response(_json(info), 202 if is_new else 200, headers, "application/json")
