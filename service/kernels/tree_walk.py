@@ -68,7 +68,6 @@ SPARE_EDGES = 64
 AT_INFINITY = 1e-30  # stands for the fourth coordinate where a separation counts: 3e38 still keeps every eye out
 
 _BITS = SET_BITS.ravel()
-_BYTE = np.uint64(0xFF)
 _ONE = np.uint64(1)
 _FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
 _AHEAD, _LINES = 4, 10  # leaves whose first lines are asked for ahead

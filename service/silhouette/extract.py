@@ -53,10 +53,10 @@ class SilhouetteTree:
 
     def __init__(self, mesh: Mapping[str, Array], tree: Mapping[str, Array]) -> None:
         check_tree(mesh, tree)
-        self.positions: F4 = _frozen(mesh["positions"], np.float32)
-        self.faces: I4 = _frozen(mesh["faces"], np.int32)
-        self.edge_vertices: I4 = _frozen(mesh["edge_vertices"], np.int32)
-        self.edge_faces: I4 = _frozen(mesh["edge_faces"], np.int32)
+        self.positions: F4 = frozen(mesh["positions"], np.float32)
+        self.faces: I4 = frozen(mesh["faces"], np.int32)
+        self.edge_vertices: I4 = frozen(mesh["edge_vertices"], np.int32)
+        self.edge_faces: I4 = frozen(mesh["edge_faces"], np.int32)
         anchors = np.concatenate([tree["front_anchor"], tree["back_anchor"]]).astype(np.float64)
         self._farthest_anchor = max(1.0, float(np.sqrt((anchors**2).sum(axis=1)).max(initial=0.0)))
         self._arena, self._lanes = pack_tree(self.positions, self.faces, self.edge_vertices, self.edge_faces, tree)
@@ -127,7 +127,7 @@ def _are_eyes(x: float, y: float, z: float, w: float) -> bool:
     return (w in (0.0, 1.0)) and (x - x) + (y - y) + (z - z) == 0.0  # not a number minus itself, nor infinity, is no zero
 
 
-def _frozen(values: Array, kind: type[T]) -> npt.NDArray[T]:
+def frozen(values: Array, kind: type[T]) -> npt.NDArray[T]:
     """Contiguous and read-only, as a mapped artifact is: one array type for the compiler wherever the mesh comes from."""
     view = np.ascontiguousarray(values, kind).view()
     view.flags.writeable = False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +14,7 @@ from geometry.topology import face_normals
 from schemas.conventions import F4, F8, I4, Array
 from schemas.errors import CapabilityError
 from service.kernels import line_kinds, self_crossings
+from service.silhouette.extract import frozen
 
 MOST_CROSSINGS = 200_000
 """Segments in which faces of a mesh meet; one that has more is refused."""
@@ -45,8 +45,8 @@ class LineMesh:
     """Any triangles, ready for any number of eyes and threads. positions (v, 3) f4 normalised, faces (f, 3) i4, f > 0."""
 
     def __init__(self, positions: F4, faces: I4) -> None:
-        self.positions: F4 = _frozen(positions, np.float32)
-        self.faces: I4 = _frozen(faces, np.int32)
+        self.positions: F4 = frozen(positions, np.float32)
+        self.faces: I4 = frozen(faces, np.int32)
         self.fans = edge_fans(self.faces)
         self.boxes: tuple[Array, Array] = build_boxes(self.positions, self.faces)
         self.rings = faces_about_vertices(self.faces, len(self.positions))
@@ -115,10 +115,3 @@ def _nodes(keys: npt.NDArray[np.int64], vertex_count: int) -> I4:
     other = keys >= 0
     nodes[other] = vertex_count + np.unique(keys[other], return_inverse=True)[1]
     return np.asarray(nodes, np.int32)
-
-
-def _frozen(values: Any, kind: type[np.generic]) -> Any:
-    """Contiguous and read-only, as a mapped artifact is: one array type for the compiler wherever the mesh comes from."""
-    view = np.ascontiguousarray(values, kind).view()
-    view.flags.writeable = False
-    return view
