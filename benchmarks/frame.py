@@ -17,11 +17,13 @@ from __future__ import annotations
 import statistics
 import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.lines import original_of
 from benchmarks.models import mesh_file
 from benchmarks.report import mesh_parser, report
 from schemas.conventions import F8
@@ -72,20 +74,11 @@ def prepare(path: Path, options: PreprocessOptions, *, every_rung: bool = False)
     maps = bake_maps(hull.positions, hull.faces, normals, *original, options.texels, silent, corner_normals=rows)
     tree = build_tree(mesh.positions, mesh.faces, edges.vertices, edges.faces, silent)
     tensors = {"positions": mesh.positions, "faces": mesh.faces, "edge_vertices": edges.vertices, "edge_faces": edges.faces}
-    return MeshAsset(
-        id=path.name,
-        frame=mesh.frame,
-        positions=mesh.positions,
-        faces=mesh.faces,
-        normals=mesh.shading.normals,
-        appearance=mesh.appearance,
-        edges=(edges.vertices, edges.faces),
+    return replace(
+        original_of(mesh, path.name),
         hull={"positions": hull.positions, "faces": hull.faces, "normals": normals},
         maps={"tile_uv": maps.tile_uv, "normal": maps.normal} | ({} if maps.color is None else {"color": maps.color}),
         tree=SilhouetteTree(tensors, tree.tensors()),
-        clip=mesh.clip,
-        normal_vertices=shading.get("normal_vertices"),
-        corner_normals=rows,
         levels=_levels(mesh, hull) if every_rung else (),
         other_hulls=_other_hulls(mesh, hull, options) if every_rung else (),
     )

@@ -27,7 +27,7 @@ from service.assets import MeshAsset
 from service.measure.views import spread_view
 from service.render.frame import render_frame
 from service.render.state import Gpu
-from worker.load import load_mesh
+from worker.load import LoadedMesh, load_mesh
 
 PLAIN = "plain"
 BARS = {"wireframe": 1.65, "translated": 1.32, "fattened": 5.7, "edge_mesh": 2.5}
@@ -37,10 +37,14 @@ ROUNDS = 3
 
 def loaded(path: Path) -> MeshAsset:
     """The mesh as a picture with lines takes it: its original alone."""
-    mesh = load_mesh(path, path.suffix, PreprocessOptions())
+    return original_of(load_mesh(path, path.suffix, PreprocessOptions()), path.name)
+
+
+def original_of(mesh: LoadedMesh, name: str) -> MeshAsset:
+    """A mesh that has been read, without anything that clipping needs."""
     shading = mesh.shading.tensors()
     return MeshAsset(
-        id=path.name,
+        id=name,
         frame=mesh.frame,
         positions=mesh.positions,
         faces=mesh.faces,
