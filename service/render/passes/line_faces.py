@@ -45,7 +45,7 @@ def find_line_faces(frame: FrameState) -> None:
     side = face_sides(planes, positions, faces, eye)
     small = math.inf if lines.method is LineMethod.TRANSLATED else SMALL
     scratch = frame.gpu.scratch
-    layer, chosen = _nearest_layer(frame, side, small), scratch.array("chosen faces", (len(faces),), np.int32)
+    layer, chosen = _nearest_layer(frame, side, small), np.asarray(scratch.array("chosen faces", (len(faces),), np.int32), np.int32)
     frame.layer = layer
     if lines.silhouette is not None and lines.method is LineMethod.TRANSLATED:
         touched = scratch.array("touched vertices", (len(positions),), np.uint8)
