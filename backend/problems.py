@@ -15,6 +15,7 @@ STATUS: dict[type[errors.SilhouetteError], tuple[int, str]] = {
     errors.NotFoundError: (404, "Not found"),
     errors.NotReadyError: (409, "Not ready yet"),
     errors.BusyError: (503, "The service is busy"),
+    errors.StoreUnavailableError: (503, "The object store does not answer"),
     errors.StorageFullError: (507, "No room for the upload"),
     errors.CorruptArtifactError: (500, "A stored artifact is damaged"),
     errors.CancelledError: (404, "The mesh was deleted"),

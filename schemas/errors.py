@@ -9,6 +9,7 @@
     ├── NotFoundError           no such mesh or artifact                           404
     ├── NotReadyError           accepted, but not processed yet                    409
     ├── BusyError               admission is full, carries retry_after_s           503
+    │   └── StoreUnavailableError   the object store does not answer               503
     ├── StorageFullError        no space to accept the bytes                       507
     ├── CorruptArtifactError    a stored artifact fails its own checks             500
     ├── StageFailedError        a preprocessing stage could not finish             kept as the mesh's failure
@@ -88,6 +89,15 @@ class BusyError(SilhouetteError):
     def __init__(self, message: str, *, retry_after_s: float = 1.0, **where: Any) -> None:
         super().__init__(message, **where)
         self.retry_after_s = retry_after_s
+
+
+class StoreUnavailableError(BusyError):
+    """The object store, which is another machine, does not answer or refuses us; nothing is lost."""
+
+    code = "store-unavailable"
+
+    def __init__(self, message: str, *, retry_after_s: float = 5.0, **where: Any) -> None:
+        super().__init__(message, retry_after_s=retry_after_s, **where)
 
 
 class StorageFullError(SilhouetteError):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import heapq
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
+from typing import TypeVar
 
 from backend import records
 from backend.manifests import loaded_manifest, with_later_stages
@@ -26,6 +28,8 @@ NOT_READY = "The mesh is accepted, but its preprocessing has not ended."
 KEPT = 256
 """Manifests in memory: with what was measured one takes some hundred KiB."""
 
+T = TypeVar("T")
+
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -33,7 +37,9 @@ class Meshes:
     """Reads meshes; all calls do file or Redis I/O and block. Thread-safe.
 
     Acceptance records never change, so they are kept; so are the manifests of meshes that no stage is to be run for any more, as long
-    as their files are the same. `measure`: whether ready meshes go through the later stages here.
+    as their files are the same. Where a look at the store takes milliseconds, a mesh that is ready is looked up every
+    `Store.look_interval_s` only: so much later a replica sees that another has deleted it. `measure`: whether ready meshes go through
+    the later stages here.
     """
 
     def __init__(self, store: Store, progress: Progress, *, measure: bool) -> None:
@@ -42,6 +48,7 @@ class Meshes:
         self._measure = measure
         self._accepted: dict[str, Accepted] = {}
         self._settled: OrderedDict[str, tuple[str, Manifest]] = OrderedDict()
+        self._seen: OrderedDict[str, tuple[float, Manifest]] = OrderedDict()
         self._lock = threading.Lock()
 
     def info(self, mesh_id: str) -> MeshInfo:
@@ -62,6 +69,11 @@ class Meshes:
 
         Raises NotFoundError, NotReadyError, FailedMeshError.
         """
+        with self._lock:
+            looked_s, seen = self._seen.get(mesh_id, (0.0, None))
+        if seen is not None and time.monotonic() - looked_s < self._store.look_interval_s:
+            return seen
+        started_s = time.monotonic()
         self._read_accepted(mesh_id)
         manifest = self._current(mesh_id)
         if manifest is None:
@@ -70,6 +82,9 @@ class Meshes:
             raise FailedMeshError(
                 manifest.error or Problem(title="Preprocessing failed", status=422, detail="The mesh could not be processed.")
             )
+        if manifest.status == "ready" and self._store.look_interval_s:
+            with self._lock:
+                _put(self._seen, mesh_id, (started_s, manifest))
         return manifest
 
     def page(self, limit: int, after: str | None) -> MeshPage:
@@ -86,6 +101,7 @@ class Meshes:
         self._accepted.pop(mesh_id, None)
         with self._lock:
             self._settled.pop(mesh_id, None)
+            self._seen.pop(mesh_id, None)
 
     def _current(self, mesh_id: str) -> Manifest | None:
         """How far a mesh is, failed ones included; None while it is not even loaded."""
@@ -106,20 +122,14 @@ class Meshes:
         if manifest.status == "ready":
             manifest = with_later_stages(self._store, manifest)
         if settled or manifest.status == "failed":
-            self._keep(mesh_id, version, manifest)
+            with self._lock:
+                _put(self._settled, mesh_id, (version, manifest))
         return manifest
-
-    def _keep(self, mesh_id: str, version: str, manifest: Manifest) -> None:
-        with self._lock:
-            self._settled[mesh_id] = version, manifest
-            self._settled.move_to_end(mesh_id)
-            while len(self._settled) > KEPT:
-                self._settled.popitem(last=False)
 
     def _all(self) -> Iterator[Accepted]:
         for mesh_id in self._store.children(MESHES):
             try:
-                yield self._read_accepted(mesh_id)
+                yield self._accepted.get(mesh_id) or self._read_accepted(mesh_id)
             except NotFoundError:  # deleted meanwhile
                 continue
 
@@ -155,6 +165,14 @@ class Meshes:
             later = LATER_STAGES if self._measure else [name for name in LATER_STAGES if name in by_name]
             stages += [_stage(name, by_name.get(name), running.get(name)) for name in later]
         return _info(accepted, MeshStatus(manifest.status), stages, manifest)
+
+
+def _put(kept: OrderedDict[str, T], mesh_id: str, value: T) -> None:
+    """Keep a value, and of all the latest KEPT."""
+    kept[mesh_id] = value
+    kept.move_to_end(mesh_id)
+    while len(kept) > KEPT:
+        kept.popitem(last=False)
 
 
 def _info(accepted: Accepted, status: MeshStatus, stages: list[Stage], manifest: Manifest | None) -> MeshInfo:

@@ -113,12 +113,12 @@ def _accept(parts: Services, upload: Upload, path: Path) -> tuple[MeshInfo, bool
 
 
 async def _events(info: MeshInfo, parts: Services) -> AsyncIterator[bytes]:
-    silent_s = 0.0
+    silent_s, poll_s = 0.0, max(POLL_S, parts.store.look_interval_s)
     body = _json(info)
     yield b"data: " + body + b"\n\n"
     while info.status in (MeshStatus.QUEUED, MeshStatus.PROCESSING):
-        await asyncio.sleep(POLL_S)
-        silent_s += POLL_S
+        await asyncio.sleep(poll_s)
+        silent_s += poll_s
         try:
             info = await to_thread.run_sync(parts.meshes.info, info.id)
         except NotFoundError:

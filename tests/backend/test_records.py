@@ -66,7 +66,8 @@ def test_the_manifest_is_written_once(store):
         assert records.write_manifest(store, ready)
         assert not records.write_manifest(store, ready.model_copy(update={"status": "failed"}))
     assert records.read_manifest(store, mesh_id) == ready
-    assert list(records.manifests(store)) == [(mesh_id, store.version(keys.manifest(mesh_id)))]
+    names = {keys.ACCEPTED: keys.accepted(mesh_id), keys.MANIFEST: keys.manifest(mesh_id)}
+    assert list(records.outlines(store)) == [(mesh_id, {name: store.version(key) for name, key in names.items()})]
 
 
 def test_unknown_meshes_have_no_records(store):

@@ -3,10 +3,10 @@
 import pytest
 
 from backend import records
+from backend.local_store import LocalStore
 from backend.manifests import build_manifest
 from backend.progress import Progress
 from backend.queue import connect
-from backend.store import Store
 from schemas import keys
 from schemas.errors import NotFoundError, NotReadyError
 from schemas.jobs import LATER_STAGES, STAGES
@@ -19,7 +19,7 @@ from tests.backend.accepting import LOAD_REPORT, accept, record, record_all
 
 @pytest.fixture
 def store(tmp_path):
-    return Store(tmp_path / "store")
+    return LocalStore(tmp_path / "store")
 
 
 @pytest.fixture
