@@ -68,6 +68,9 @@ def wait_for_redis(connection: redis.Redis) -> bool:
     while time.monotonic() < deadline:
         try:
             connection.ping()
+        except redis.AuthenticationError:
+            log.error("the queue refuses this worker's password")  # noqa: TRY400
+            return False
         except redis.RedisError:
             time.sleep(0.1)
         else:

@@ -234,7 +234,12 @@ def test_a_store_that_is_away_is_said_to_be_and_comes_back(tmp_path, monkeypatch
         store.put_bytes("a", b"kept")
         server.pause()
         began = time.monotonic()
-        for call in (lambda: store.get_bytes("a"), lambda: store.exists("a"), lambda: list(store.list()), lambda: store.put_bytes("b", b"")):
+        for call in (
+            lambda: store.get_bytes("a"),
+            lambda: store.exists("a"),
+            lambda: list(store.list()),
+            lambda: store.put_bytes("b", b""),
+        ):
             with pytest.raises(StoreUnavailableError) as fault:
                 call()
             assert fault.value.retry_after_s >= 1.0
@@ -268,7 +273,12 @@ def test_wrong_credentials_are_said_without_saying_them(tmp_path, monkeypatch, c
     monkeypatch.setenv("AWS_REGION", "us-east-1")
     with S3Server({"INITIAL_NO_AUTH_ACTION_COUNT": "0"}) as server, caplog.at_level(logging.DEBUG):
         store = S3Store(S3Place(BUCKET, "p", server.endpoint), tmp_path, MIB)
-        for call in (lambda: store.get_bytes("a"), lambda: store.put_bytes("a", b""), lambda: store.exists("a"), lambda: list(store.list())):
+        for call in (
+            lambda: store.get_bytes("a"),
+            lambda: store.put_bytes("a", b""),
+            lambda: store.exists("a"),
+            lambda: list(store.list()),
+        ):
             with pytest.raises(StoreUnavailableError, match="refuses") as fault:
                 call()
             assert fault.value.__cause__ is None and fault.value.__suppress_context__
