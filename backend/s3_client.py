@@ -225,6 +225,8 @@ def _told(key: str, *, writing: bool = False) -> Iterator[None]:
     except (exceptions.AlreadyExistsError, exceptions.PreconditionError):
         raise ChangedError from None
     except (FileNotFoundError, exceptions.NotFoundError) as error:
+        if writing and "NoSuchKey" in str(error):  # the version that was to be replaced is gone
+            raise ChangedError from None
         if writing or "NoSuchBucket" in str(error):
             log.error("object store: no such bucket")  # noqa: TRY400
             raise StoreUnavailableError(NO_BUCKET) from None

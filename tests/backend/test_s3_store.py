@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -148,6 +149,9 @@ def test_conditional_puts_are_refused_by_the_server_itself(s3_store):
     with pytest.raises(ChangedError):
         client.replace("a", b"4", tag)
     assert client.get("a") == (b"3", newer)
+    client.delete(["a"])
+    with pytest.raises(ChangedError):
+        client.replace("a", b"5", newer)
 
 
 def test_a_lease_lives_as_long_as_its_holder(s3_store, elsewhere, monkeypatch):
@@ -223,6 +227,11 @@ def test_many_locks_leave_few_objects_that_are_no_keys(s3_store):
             pass
     assert list(s3_store.list()) == [] and list(s3_store.children("meshes/")) == []
     assert 0 < len(list(s3_store._client.list(".locks"))) <= 20
+
+
+def calls(store):
+    """One of each kind."""
+    return (partial(store.get_bytes, "a"), partial(store.put_bytes, "b", b""), partial(store.exists, "a"), lambda: list(store.list()))
 
 
 def test_a_store_that_is_away_is_said_to_be_and_comes_back(tmp_path, monkeypatch):
