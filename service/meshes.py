@@ -122,9 +122,12 @@ class Meshes:
         if manifest.status == "ready":
             manifest = with_later_stages(self._store, manifest)
         if settled or manifest.status == "failed":
-            with self._lock:
-                _put(self._settled, mesh_id, (version, manifest))
+            self._keep(mesh_id, version, manifest)
         return manifest
+
+    def _keep(self, mesh_id: str, version: str, manifest: Manifest) -> None:
+        with self._lock:
+            _put(self._settled, mesh_id, (version, manifest))
 
     def _all(self) -> Iterator[Accepted]:
         for mesh_id in self._store.children(MESHES):

@@ -25,7 +25,8 @@ from tests.s3_server import S3Server
 
 VIEW = {"camera": {"orbit": {"azimuth_deg": 30, "elevation_deg": 20}}, "width": 128, "height": 128}
 SEEN_S = 2.0  # a replica looks again a second after it has seen that a mesh is ready
-KILL_AFTER_S, SOAK_MESHES = 1.5, 10
+KILL_AFTER_S, SOAK_MESHES = 1.5, 6
+AWAY_S = 8.0  # longer than a request is tried
 
 
 class Deployment:
@@ -148,7 +149,7 @@ def offer(urls: list[str], path: Path, accepted: list[str], stop: threading.Even
         if stop.is_set():
             return
         with contextlib.suppress(httpx.HTTPError):
-            answer = httpx.post(f"{url}/v1/meshes?name={path.name}&hull_faces=12&texels=32", content=path.read_bytes(), timeout=60.0)
+            answer = httpx.post(f"{url}/v1/meshes?name={path.name}&hull_faces=12&texels=64", content=path.read_bytes(), timeout=60.0)
             if answer.status_code in (200, 202):
                 accepted.append(answer.json()["id"])
                 return
@@ -159,6 +160,20 @@ def statuses(url: str, ids: list[str]) -> dict[str, str]:
     return {mesh_id: httpx.get(f"{url}/v1/meshes/{mesh_id}", timeout=60.0).json()["status"] for mesh_id in ids}
 
 
+def test_a_store_that_goes_away_while_a_mesh_is_processed_fails_no_mesh(machines, a, tmp_path):
+    accepted = []
+    for number in range(3):
+        path = tmp_path / f"block {number}.ply"
+        vertices, faces = meshes.cube(3)
+        write_ply(str(path), vertices * [1.0, 2.0, 3.0 + number], faces)
+        accepted.append(a.upload(path, hull_faces=12, texels=64).id)
+    machines.s3.pause()
+    time.sleep(AWAY_S)
+    machines.s3.resume()
+    assert [a.wait(mesh_id, timeout_s=120.0).status for mesh_id in accepted] == ["ready"] * 3
+
+
+@pytest.mark.heavy
 def test_a_service_and_a_worker_killed_under_load_lose_nothing(tmp_path):
     pytest.importorskip("moto.server", reason="moto, flask or flask-cors is not installed")
     paths = [tmp_path / f"box {number}.ply" for number in range(SOAK_MESHES)]
