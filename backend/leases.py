@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from backend.s3_client import ChangedError, S3Client
-from schemas.errors import NotFoundError, StoreUnavailableError
+from schemas.errors import NotFoundError, SilhouetteError, StoreUnavailableError
 
 log = logging.getLogger(__name__)
 
@@ -117,14 +117,14 @@ class Leases:
                     log.warning("lock lost", extra={"lock": lease.key})
                     lease.lost = True
                     return
-            except StoreUnavailableError:
+            except SilhouetteError:
                 log.warning("lock not renewed", extra={"lock": lease.key})
 
     def _still_mine(self, lease: _Lease) -> bool:
         """Whether it was this holder that changed the object: the answer to a renewal was lost. It counts as renewed when it is seen."""
         try:
             data, tag = self._client.get(lease.key)
-        except (NotFoundError, StoreUnavailableError):
+        except SilhouetteError:
             return False
         lease.tag = tag
         return _owner(data) == lease.owner
@@ -136,7 +136,7 @@ class Leases:
             self._client.replace(lease.key, _content(None), lease.tag)
         except ChangedError:
             log.warning("lock lost", extra={"lock": lease.key})
-        except StoreUnavailableError:  # it runs out
+        except SilhouetteError:  # it runs out
             log.warning("lock not released", extra={"lock": lease.key})
 
 

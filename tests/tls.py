@@ -44,9 +44,12 @@ def _certificate(name: str, key: Any, issuer_key: Any, host: str | None) -> x509
 
 
 class TlsRelay:
-    """Takes TLS connections on a free port of this machine and passes what they say to a unix socket, inside `with`."""
+    """Takes TLS connections on a free port of this machine and passes what they say to a server's address, inside `with`.
 
-    def __init__(self, certificate: Path, target: Path) -> None:
+    target: path of a unix socket, or host and port.
+    """
+
+    def __init__(self, certificate: Path, target: str | tuple[str, int]) -> None:
         self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         self._context.load_cert_chain(certificate)
         self._target = target
@@ -68,13 +71,14 @@ class TlsRelay:
             threading.Thread(target=self._relay, args=(client,), daemon=True).start()
 
     def _relay(self, client: socket.socket) -> None:
-        with client, socket.socket(socket.AF_UNIX) as server, selectors.DefaultSelector() as ready:
+        family = socket.AF_UNIX if isinstance(self._target, str) else socket.AF_INET
+        with client, socket.socket(family) as server, selectors.DefaultSelector() as ready:
             try:
                 secure = self._context.wrap_socket(client, server_side=True)
             except (ssl.SSLError, OSError):
                 return
             with secure:
-                server.connect(str(self._target))
+                server.connect(self._target)
                 ready.register(secure, selectors.EVENT_READ, server)
                 ready.register(server, selectors.EVENT_READ, secure)
                 while True:

@@ -41,7 +41,7 @@ def certificates(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tls_port(guarded, certificates):
-    with tls.TlsRelay(certificates[1], guarded) as port:
+    with tls.TlsRelay(certificates[1], str(guarded)) as port:
         yield port
 
 

@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import pytest
 from backend import leases, s3_client
 from backend.s3_client import ChangedError, S3Client, S3Place
 from backend.s3_store import S3Store
-from schemas.errors import CorruptArtifactError, NotFoundError, StoreUnavailableError
+from schemas.errors import CorruptArtifactError, NotFoundError, StorageFullError, StoreUnavailableError
 from tests.backend.test_store import again, put_file, spawn
 from tests.s3_server import BUCKET, CREDENTIALS, S3Server
 
@@ -323,3 +324,37 @@ def test_asking_in_a_fork_of_a_process_that_asked_is_an_error_and_no_hang(s3_sto
     assert "forked" in answers.get(timeout=60)
     process.join(30)
     assert process.exitcode == 0
+
+
+def test_a_full_disk_makes_room_by_removing_copies(s3_place, s3_store, small_disk):
+    store = S3Store(s3_place, small_disk / "cache", 64 * MIB)
+    for number in range(2):
+        put_file(s3_store, f"uploads/{number}", os.urandom(600_000))
+    first = store.local_path("uploads/0")
+    with pytest.raises(StorageFullError):
+        store.local_path("uploads/1")  # the first may not be mapped yet
+    aged(first)
+    assert store.local_path("uploads/1").stat().st_size == 600_000
+    assert not first.exists()
+    put_file(s3_store, "uploads/large", bytes(2 * MIB))
+    with pytest.raises(StorageFullError):
+        store.local_path("uploads/large")
+    assert len(copies(store)) == 1 and store.sweep_temporary(-1.0) == 0
+
+
+def test_a_store_of_an_authority_of_its_own_is_reached_by_its_certificate(s3_place, s3_store, tmp_path):
+    tls = pytest.importorskip("tests.tls", reason="the package cryptography is not installed")
+    ca_file, certificate = tls.make_authority(tmp_path, "127.0.0.1")
+    host, _, port = s3_place.endpoint.removeprefix("http://").partition(":")
+    s3_store.put_bytes("a", b"kept")
+    with tls.TlsRelay(certificate, (host, int(port))) as secure_port:
+        place = replace(s3_place, endpoint=f"https://127.0.0.1:{secure_port}")
+        assert S3Store(replace(place, ca_file=ca_file), tmp_path / "trusting", MIB).get_bytes("a") == b"kept"
+        with pytest.raises(StoreUnavailableError):
+            S3Store(place, tmp_path / "doubting", MIB).get_bytes("a")
+
+
+def test_the_usual_variables_say_where_a_store_is(s3_place, s3_store, tmp_path, monkeypatch):
+    s3_store.put_bytes("a", b"kept")
+    monkeypatch.setenv("AWS_ENDPOINT_URL_S3", s3_place.endpoint)
+    assert S3Store(replace(s3_place, endpoint=None), tmp_path, MIB).get_bytes("a") == b"kept"
