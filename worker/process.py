@@ -121,6 +121,8 @@ class Asides:
             self._running.append(child)
             return
         try:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_DFL)
             die_with_parent()
             call()
         except (redis.RedisError, SilhouetteError, OSError) as error:
