@@ -1,7 +1,9 @@
 """Locks that hold over machines, as objects in an S3 store that are only ever replaced conditionally.
 
 A lock is an object that says who holds it. Its holder replaces it every few seconds, so that it is seen to live; whoever waits takes
-it over once it has been the same for `TTL_S` by the waiter's own clock. Clocks of machines are never compared. A lock that is let go
+it over once it has been the same for `TTL_S` by the waiter's own clock. Clocks of machines are never compared. Processes that share a
+data folder wait for each other by locked files there before they ask the store (`backend.s3_store`), so to them a lock of one of
+their own is a dead one's, and is taken over at once. A lock that is let go
 says so, and is not deleted: a deletion cannot be made conditional, a replacement can (`If-Match`).
 
 A holder that cannot renew in time, since it was stopped or cut off, does not know whether it still holds. So it writes nothing any
@@ -46,11 +48,15 @@ class _Lease:
 
 
 class Leases:
-    """The locks of a store. A thread may hold several at once."""
+    """The locks of a store. A thread may hold several at once.
 
-    def __init__(self, client: S3Client, folder: str) -> None:
+    home: names those who never hold the same lock at once for another reason than one's death.
+    """
+
+    def __init__(self, client: S3Client, folder: str, home: str) -> None:
         self._client = client
         self._folder = folder
+        self._home = home
         self._held = threading.local()
 
     @contextmanager
@@ -75,6 +81,11 @@ class Leases:
             if lease.lost or time.monotonic() - lease.renewed_s > SAFE_S:
                 raise StoreUnavailableError("The object store could not be reached in time; try again in a moment.")
 
+    def _content(self, owner: str | None) -> bytes:
+        """What a lock's object says; never the same twice, so that its entity tag is not."""
+        home = None if owner is None else self._home
+        return json.dumps({"owner": owner, "home": home, "beat": secrets.token_hex(8)}).encode()
+
     def _of_thread(self) -> list[_Lease]:
         found: list[_Lease] | None = getattr(self._held, "leases", None)
         if found is None:
@@ -90,17 +101,17 @@ class Leases:
                 data, tag = self._client.get(key)
             except NotFoundError:
                 data, tag = b"", None
-            holder = _owner(data)
+            holder, home = _parties(data)
             if holder == owner:  # an answer was lost
                 assert tag is not None
                 return _Lease(key, owner, tag, asked_s)
             if tag != seen:
                 seen, seen_s = tag or "", asked_s
-            if holder is None or asked_s - seen_s > TTL_S:
+            if holder is None or home == self._home or asked_s - seen_s > TTL_S:
                 if holder is not None:
                     log.warning("lock taken over: its holder is gone", extra={"lock": key})
                 try:
-                    return _Lease(key, owner, self._client.replace(key, _content(owner), tag), asked_s)
+                    return _Lease(key, owner, self._client.replace(key, self._content(owner), tag), asked_s)
                 except ChangedError:
                     continue
             time.sleep(wait_s * random.uniform(0.5, 1.0))
@@ -110,7 +121,7 @@ class Leases:
         while not lease.ended.wait(RENEW_S):
             asked_s = time.monotonic()
             try:
-                lease.tag = self._client.replace(lease.key, _content(lease.owner), lease.tag)
+                lease.tag = self._client.replace(lease.key, self._content(lease.owner), lease.tag)
                 lease.renewed_s = asked_s
             except ChangedError:
                 if not self._still_mine(lease):
@@ -127,27 +138,23 @@ class Leases:
         except SilhouetteError:
             return False
         lease.tag = tag
-        return _owner(data) == lease.owner
+        return _parties(data)[0] == lease.owner
 
     def _release(self, lease: _Lease) -> None:
         if lease.lost:
             return
         try:
-            self._client.replace(lease.key, _content(None), lease.tag)
+            self._client.replace(lease.key, self._content(None), lease.tag)
         except ChangedError:
             log.warning("lock lost", extra={"lock": lease.key})
         except SilhouetteError:  # it runs out
             log.warning("lock not released", extra={"lock": lease.key})
 
 
-def _content(owner: str | None) -> bytes:
-    """What a lock's object says; never the same twice, so that its entity tag is not."""
-    return json.dumps({"owner": owner, "beat": secrets.token_hex(8)}).encode()
-
-
-def _owner(data: bytes) -> str | None:
+def _parties(data: bytes) -> tuple[str | None, str | None]:
+    """(owner, home) of a lock's object; (None, None) of one that nobody holds."""
     try:
         found = json.loads(data)
-    except ValueError:
-        return None
-    return found.get("owner") if isinstance(found, dict) else None
+        return found["owner"], found["home"]
+    except (ValueError, KeyError, TypeError):
+        return None, None

@@ -8,8 +8,9 @@ have lost its lock writes nothing any more.
 from __future__ import annotations
 
 import hashlib
+import secrets
 from collections.abc import Collection, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from itertools import groupby
 from pathlib import Path
 from typing import BinaryIO
@@ -18,11 +19,11 @@ from backend.leases import Leases
 from backend.object_cache import ObjectCache
 from backend.s3_client import DELETE_AT_ONCE, ChangedError, Meta, S3Client, S3Place
 from backend.store import Entry, Store, checked
-from backend.temporary_files import FileLocks, lock_name
+from backend.temporary_files import FileLocks, TemporaryFiles, lock_name
 from schemas.errors import NotFoundError
 
 LOCKS = ".locks/"
-LOCK_OBJECTS = 256  # per kind of key; two keys that share one wait for each other, no more
+LOCK_OBJECTS = 256  # per kind of key; a multiple of LOCK_FILES, so that keys that share one of these share one of those
 CHECK_KEY = ".check"
 DOWNLOAD_TRIES = 3  # an object may be replaced between the look at it and its download
 
@@ -36,7 +37,7 @@ class S3Store(Store):
         self._place, self._folder, self._cache_bytes = place, folder, cache_bytes
         self._client = S3Client(place)
         self._cache = ObjectCache(folder, cache_bytes)
-        self._leases = Leases(self._client, LOCKS)
+        self._leases = Leases(self._client, LOCKS, _home(folder, self._cache.scratch))
         self._neighbours = FileLocks(folder / "locks")
 
     def put_bytes(self, key: str, data: bytes, *, create_only: bool = False) -> bool:
@@ -159,3 +160,14 @@ class S3Store(Store):
     def _named(self, key: str) -> str:
         """Where an object is, over all stores: copies of several may lie in one folder."""
         return f"{self._place.endpoint or ''} {self._place.bucket}/{self._place.prefix}/{key}"
+
+
+def _home(folder: Path, scratch: TemporaryFiles) -> str:
+    """A name of the folder that no other has."""
+    path = folder / "home"
+    if not path.exists():
+        with scratch.new() as file, suppress(FileExistsError):
+            file.write(secrets.token_hex(16).encode())
+            file.flush()
+            path.hardlink_to(file.name)
+    return path.read_text()

@@ -15,7 +15,8 @@ import pytest
 
 from backend import leases, s3_client
 from backend.s3_client import ChangedError, S3Client, S3Place
-from backend.s3_store import S3Store
+from backend.s3_store import LOCK_OBJECTS, S3Store
+from backend.temporary_files import LOCK_FILES
 from schemas.errors import CorruptArtifactError, NotFoundError, StorageFullError, StoreUnavailableError
 from tests.backend.test_store import again, put_file, spawn
 from tests.s3_server import BUCKET, CREDENTIALS, S3Server
@@ -204,6 +205,34 @@ def test_a_holder_that_cannot_renew_stops_writing_before_another_may_hold(s3_sto
         time.sleep(0.3)
         with pytest.raises(StoreUnavailableError):
             s3_store.put_bytes("meshes/a/y", b"late")
+
+
+def _die_holding(store, key):
+    with store().locked(key):
+        os._exit(1)
+
+
+def test_a_lock_that_a_dead_process_of_this_machine_held_is_taken_over_at_once(s3_store, elsewhere, s3_place):
+    process = spawn(_die_holding, partial(S3Store, s3_place, s3_store._folder, MIB), "meshes/a")
+    process.join(60)
+    began = time.monotonic()
+    with s3_store.locked("meshes/a"):
+        assert time.monotonic() - began < leases.TTL_S / 3
+        waiting = threading.Thread(target=_take, args=(elsewhere, "meshes/a"))
+        waiting.start()
+        waiting.join(0.5)
+        assert waiting.is_alive()
+    waiting.join(10.0)
+    assert not waiting.is_alive()
+
+
+def _take(store, key):
+    with store.locked(key):
+        pass
+
+
+def test_keys_that_share_a_lock_of_the_store_share_one_of_the_machine():
+    assert LOCK_OBJECTS % LOCK_FILES == 0
 
 
 def test_an_answer_to_taking_a_lock_may_be_lost(s3_store, monkeypatch):
