@@ -1,6 +1,7 @@
 """Several machines on one: services and workers with data folders of their own, one queue, one S3 store between them."""
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -167,9 +168,13 @@ def test_a_store_that_goes_away_while_a_mesh_is_processed_fails_no_mesh(machines
         vertices, faces = meshes.cube(3)
         write_ply(str(path), vertices * [1.0, 2.0, 3.0 + number], faces)
         accepted.append(a.upload(path, hull_faces=12, texels=64).id)
-    machines.s3.pause()
-    time.sleep(AWAY_S)
-    machines.s3.resume()
+    resumed = threading.Timer(AWAY_S, machines.s3.resume)
+    resumed.start()
+    with httpx.stream("GET", f"{machines.b.url}/v1/meshes/{accepted[-1]}/events", timeout=120.0) as events:
+        machines.s3.pause()
+        told = [json.loads(line.removeprefix("data: "))["status"] for line in events.iter_lines() if line.startswith("data: ")]
+    resumed.join()
+    assert told[-1] == "ready"  # the stream waited for the store
     assert [a.wait(mesh_id, timeout_s=120.0).status for mesh_id in accepted] == ["ready"] * 3
 
 

@@ -16,7 +16,7 @@ PROBLEMS = {
     413: "Over the size limit",
     415: "No loader knows this format",
     422: "The request is wrong (`errors` names the fields), or the mesh cannot be used",
-    503: "Busy; come back after Retry-After seconds",
+    503: "Busy, or the object store does not answer; come back after Retry-After seconds",
     507: "The store has no room",
 }
 
