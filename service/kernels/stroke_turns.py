@@ -1,9 +1,9 @@
 """By how much outlines turn where two of their edges meet, in the image: how far round a corner a stroke must go.
 
-                outwards        turn > 0: the strokes gape, and the corner is theirs
-            ___i____
-                    \\  j
-    surface          \\         turn < 0: they overlap
+            outwards        turn > 0: the strokes gape, and the corner is theirs
+        ___i____
+                \\  j
+surface          \\         turn < 0: they overlap
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ INNER_PX = 0.5
 MARGIN_PX = 2.0
 MOST_ROUND = 0.5 * math.pi
 ROUND_FALL, SHARP_FALL = 1.0, 40.0
-"""Pixels' sizes that the corner of a fattened edge falls away by on each pixel beyond its end, up to a quarter turn and where it is more."""
+"""Pixels' sizes that a fattened edge's corner falls away by on each pixel beyond its end: of a turn up to MOST_ROUND, of a sharper one."""
 LARGEST_GAIN = 3.0
 """Most pixels by which a fattened face comes nearer on each pixel that it grows: that of one whose normal is 70 degrees off V."""
 
@@ -105,7 +105,7 @@ def make_strokes(view, pen, positions, ends, turns, vertices, indices):
 
 @njit(cache=True, nogil=True)
 def _join(fattened, steps, corners, base, indices):
-    """Triangles of a stroke whose corners begin at base: a fan about the first, but of the second corner of a fattened edge about the last."""
+    """Triangles of a stroke whose corners begin at base: a fan about its first one, but of a fattened edge's other end about its last."""
     for k in range(corners - 2):
         apex, second, third = 0, k + 1, k + 2
         if fattened and k == corners - 3:
@@ -249,7 +249,13 @@ def _fatten(view, segment, gain, facing, turns, steps, vertices):
             angle = turn * ((steps - i) if end == 0 else i) / steps
             out, beyond = math.cos(angle), math.sin(angle)
             aside = beyond if end == 0 else -beyond
-            _put(vertices, k, x + r * (out * nx + aside * tx), y + r * (out * ny + aside * ty), _gained(view, depth, r * (out * gain - fall * beyond)))
+            _put(
+                vertices,
+                k,
+                x + r * (out * nx + aside * tx),
+                y + r * (out * ny + aside * ty),
+                _gained(view, depth, r * (out * gain - fall * beyond)),
+            )
             k += 1
         if end == 1:
             _put(vertices, k, x - INNER_PX * nx, y - INNER_PX * ny, _gained(view, depth, -INNER_PX * gain))

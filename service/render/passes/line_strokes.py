@@ -14,8 +14,8 @@ import numpy as np
 
 from schemas.conventions import I4
 from schemas.lines import LineMethod, Lines, LineStyle
-from service.kernels.strokes import LARGEST_GAIN, Pen, StrokeView, corners_of, make_strokes
 from service.kernels.stroke_turns import turns_at_ends
+from service.kernels.strokes import LARGEST_GAIN, Pen, StrokeView, corners_of, make_strokes
 from service.render.deep import NEAREST_PART, depth_row, pixel_depth
 from service.render.line_plan import reference_depth
 from service.render.state import FrameState, Strokes
