@@ -22,6 +22,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from benchmarks.line_samples import pixels_at, points_along
 from benchmarks.lines import loaded
 from benchmarks.models import MESH_HELP, mesh_file
 from benchmarks.report import Result, markdown_table
@@ -63,20 +64,15 @@ def line_points(asset: MeshAsset, camera: AnyCamera, side: int) -> LinePoints:
     wanted = SilhouetteRequest(camera=camera, project=ProjectTo(width=side, height=side), kinds=kinds)
     view, mesh = resolve_camera(camera, asset.frame, side, side, asset.radius), asset.line_mesh
     pieces = find_pieces(mesh, view, wanted, Passes())
-    line, spans = pieces.line[pieces.visible], pieces.spans[pieces.visible]
-    ends, nodes = pieces.image[line, :4], pieces.segments.nodes[line].astype(np.int64)
+    of, at = points_along(pieces, pieces.visible, APART_PX)
+    line = pieces.line[of]
     directed = mesh.silhouette(view.eye).astype(np.int64) @ [1 << 32, 1]
-    forwards = np.isin(nodes @ [1 << 32, 1], directed)
+    forwards = np.isin(pieces.segments.nodes[line].astype(np.int64) @ [1 << 32, 1], directed)
+    along = pieces.image[line, 2:4] - pieces.image[line, :2]
+    along *= (np.where(forwards, 1.0, -1.0) / np.linalg.norm(along, axis=1))[:, None]
     silhouettes = np.array([kind is LineKind.SILHOUETTE for kind in KINDS])[pieces.segments.kinds[line]]
-    along = ends[:, 2:] - ends[:, :2]
-    length = np.linalg.norm(along, axis=1)
-    # of a -> b the front face is on the left, and rows of the image run down
-    outwards = np.stack([-along[:, 1], along[:, 0]], axis=1) * np.where(forwards, 1.0, -1.0)[:, None] / np.maximum(length, 1e-12)[:, None]
-    count = np.ceil(length * (spans[:, 1] - spans[:, 0]) / APART_PX).astype(int)
-    of = np.repeat(np.arange(len(line)), count)
-    share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[of]
-    at = spans[of, 0] + share * (spans[of, 1] - spans[of, 0])
-    return LinePoints(ends[of, :2] + at[:, None] * along[of], outwards[of], silhouettes[of])
+    # the front face is on the left, and rows of the image run down
+    return LinePoints(pixels_at(pieces, of, at), np.stack([-along[:, 1], along[:, 0]], axis=1), silhouettes)
 
 
 def alone(points: LinePoints, method: LineMethod, width: float, side: int) -> Array:
