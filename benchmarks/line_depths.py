@@ -2,10 +2,10 @@
 
     python -m benchmarks.line_depths MESH [MESH ...] [--views 20] [--size 2048] [--json]
 
-The mesh is drawn by the GL, reversed floats of depth alone; rays and cuts of `service.silhouette.lines` have no part in that. Points two pixels
-apart along silhouettes and boundaries, visible and hidden, are held against it: hidden where the surface is nearer at all four pixel
-centres about the point. *agree*: percent of the points that the buffer is sure of. *unsure* are those whose surface before them
-is nearer by less than a pixel's size at some of the four, and visible ones within 1.5 pixels of hidden ones, and the other way round.
+The mesh is drawn by the GL, reversed floats of depth alone; rays and cuts of `service.silhouette.lines` have no part in that. Points two
+pixels apart along silhouettes and boundaries, visible and hidden, are held against it: hidden where the surface is nearer at all four
+pixel centres about the point. *agree*: percent of the points that the buffer is *sure* of. Those are not whose surface before them is
+nearer by less than a pixel's size at some of the four, nor visible ones within 1.5 pixels of hidden ones, or the other way round.
 """
 
 from __future__ import annotations
