@@ -15,6 +15,8 @@ from numba import njit
 
 UNKNOWN = 10.0
 """Radians: where an edge has no neighbour that is drawn, or more than one."""
+SPREAD = 2654435761
+"""Knuth's multiplier: neighbouring vertices have places in the table that are far apart."""
 
 
 @njit(cache=True, nogil=True)
@@ -27,57 +29,57 @@ def turns_at_ends(matrix, nearest, flip, positions, ends, turns):
     count = ends.shape[0]
     outwards = np.empty((count, 2))
     for i in range(count):
-        _outwards(matrix, nearest, flip, positions, ends[i], outwards[i])
-    mask = 4
+        outwards[i, 0], outwards[i, 1] = _outwards(matrix, nearest, flip * ends[i, 3], positions, ends[i, 0], ends[i, 1])
+    mask = np.int64(3)
     while mask < 4 * count:
-        mask *= 2
-    vertices, rows, met = np.full(mask, -1, np.int32), np.empty((mask, 2), np.int32), np.zeros(mask, np.int32)
+        mask = 2 * mask + 1
+    # a vertex, the rows of its first two edges, and how many it has
+    table = np.full((mask + 1, 4), -1, np.int32)
+    slots = np.empty((count, 2), np.int64)
     for i in range(count):
         for end in range(2):
-            slot = _slot(vertices, ends[i, end])
-            if met[slot] < 2:
-                rows[slot, met[slot]] = i
-            vertices[slot], met[slot] = ends[i, end], met[slot] + 1
+            slot = (np.int64(ends[i, end]) * SPREAD) & mask
+            while table[slot, 0] != -1 and table[slot, 0] != ends[i, end]:
+                slot = (slot + 1) & mask
+            if table[slot, 0] == -1:
+                table[slot, 0], table[slot, 1], table[slot, 3] = ends[i, end], i, 1
+            else:
+                table[slot, 2], table[slot, 3] = i, table[slot, 3] + 1
+            slots[i, end] = slot
     for i in range(count):
         for end in range(2):
-            slot = _slot(vertices, ends[i, end])
-            other = rows[slot, 0] + rows[slot, 1] - i if met[slot] == 2 else -1
-            turns[i, end] = UNKNOWN if other < 0 else _turn(outwards[i], outwards[other], end, flip * ends[i, 3])
+            slot = slots[i, end]
+            turns[i, end] = UNKNOWN
+            if table[slot, 3] == 2:
+                other = table[slot, 1] + table[slot, 2] - i
+                x, y = outwards[other, 0], outwards[other, 1]
+                turns[i, end] = _turn(outwards[i, 0], outwards[i, 1], x, y, flip * ends[i, 3] * (2 * end - 1))
 
 
 @njit(cache=True, nogil=True)
-def _slot(vertices, vertex):
-    """Where a vertex is in the table, or has room."""
-    mask = vertices.shape[0] - 1
-    slot = (np.int64(vertex) * 2654435761) & mask
-    while vertices[slot] != -1 and vertices[slot] != vertex:
-        slot = (slot + 1) & mask
-    return slot
-
-
-@njit(cache=True, nogil=True)
-def _outwards(matrix, nearest, flip, positions, row, out):
+def _outwards(matrix, nearest, facing, positions, a, b):
     """Unit, away from the face; nan where that cannot be said."""
-    out[:] = math.nan
-    uv = np.empty((2, 2))
-    for end in range(2):
-        p = positions[row[end]]
-        w = matrix[3, 0] * p[0] + matrix[3, 1] * p[1] + matrix[3, 2] * p[2] + matrix[3, 3]
-        if w < nearest:
-            return
-        for k in range(2):
-            uv[end, k] = (matrix[k, 0] * p[0] + matrix[k, 1] * p[1] + matrix[k, 2] * p[2] + matrix[k, 3]) / w
-    x, y = uv[1, 0] - uv[0, 0], uv[1, 1] - uv[0, 1]
+    ua, va, wa = _pixel(matrix, positions[a, 0], positions[a, 1], positions[a, 2])
+    ub, vb, wb = _pixel(matrix, positions[b, 0], positions[b, 1], positions[b, 2])
+    if wa < nearest or wb < nearest:
+        return math.nan, math.nan
+    x, y = ub / wb - ua / wa, vb / wb - va / wa
     length = math.sqrt(x * x + y * y)
-    if length > 1e-9:
-        out[0], out[1] = -flip * row[3] * y / length, flip * row[3] * x / length
+    return (-facing * y / length, facing * x / length) if length > 1e-9 else (math.nan, math.nan)
 
 
 @njit(cache=True, nogil=True)
-def _turn(own, other, end, facing):
-    """From one edge's outward direction to the next one's. end: 1 for the second end of the edge."""
-    # outwards is -y, x of the edge's direction when facing is 1
-    x, y = facing * own[1], -facing * own[0]
-    beyond = (other[0] * x + other[1] * y) * (1.0 if end == 1 else -1.0)
-    turn = math.atan2(beyond, other[0] * own[0] + other[1] * own[1])
+def _pixel(m, x, y, z):
+    """u, v and w, homogeneous."""
+    return (
+        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
+        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3],
+        m[3, 0] * x + m[3, 1] * y + m[3, 2] * z + m[3, 3],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _turn(own_x, own_y, x, y, beyond):
+    """From one edge's outward direction to another's. beyond: of its own, turned a quarter, the sign that leads on beyond the end."""
+    turn = math.atan2(beyond * (x * own_y - y * own_x), x * own_x + y * own_y)
     return UNKNOWN if math.isnan(turn) else turn

@@ -241,22 +241,23 @@ def _fatten(view, segment, gain, facing, turns, steps, vertices):
         x, y, depth, r = segment[4 - 4 * end], segment[5 - 4 * end], segment[6 - 4 * end], segment[7 - 4 * end]
         turn = turns[1 - end]
         fall = ROUND_FALL if turn <= MOST_ROUND else SHARP_FALL
-        turn = min(max(turn, 0.0), MOST_ROUND)
+        angle = min(turn, MOST_ROUND) / steps
+        if angle <= 0.0:
+            cosine, sine, out, beyond = 1.0, 0.0, 1.0, 0.0
+        elif end == 0:  # to the outward direction
+            cosine, sine = math.cos(angle), -math.sin(angle)
+            out, beyond = math.cos(angle * steps), math.sin(angle * steps)
+        else:  # from there
+            cosine, sine, out, beyond = math.cos(angle), math.sin(angle), 1.0, 0.0
         if end == 0:
             _put(vertices, k, x - INNER_PX * nx, y - INNER_PX * ny, _gained(view, depth, -INNER_PX * gain))
             k += 1
-        for i in range(steps + 1):
-            angle = turn * ((steps - i) if end == 0 else i) / steps
-            out, beyond = math.cos(angle), math.sin(angle)
+        for _ in range(steps + 1):
             aside = beyond if end == 0 else -beyond
-            _put(
-                vertices,
-                k,
-                x + r * (out * nx + aside * tx),
-                y + r * (out * ny + aside * ty),
-                _gained(view, depth, r * (out * gain - fall * beyond)),
-            )
+            at_x, at_y = x + r * (out * nx + aside * tx), y + r * (out * ny + aside * ty)
+            _put(vertices, k, at_x, at_y, _gained(view, depth, r * (out * gain - fall * beyond)))
             k += 1
+            out, beyond = out * cosine - beyond * sine, beyond * cosine + out * sine
         if end == 1:
             _put(vertices, k, x - INNER_PX * nx, y - INNER_PX * ny, _gained(view, depth, -INNER_PX * gain))
 
