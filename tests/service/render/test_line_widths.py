@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.line_widths import BAR, METHODS, WIDTHS, alone, line_points, loaded, measure, widths_found
+from benchmarks.line_widths import BAR, METHODS, WIDTHS, alone, inked, line_points, loaded, measure, widths_found
 from schemas.lines import LineMethod
-from schemas.render import Camera
+from schemas.render import Camera, RenderRequest
 from service.kernels.stroke_turns import UNKNOWN, turns_at_ends
 from tests import meshes
 from tests.meshes import shared
@@ -23,6 +23,35 @@ def test_strokes_of_every_width_are_as_wide_as_was_asked(gpu, name):
         for one in found[method.value]:
             assert one["points"] > 200
             assert one["within"] >= BAR, (method, one)
+
+
+def off_by(gpu, asset, camera, side, width, chosen=lambda pixels: np.ones(len(pixels), bool)):
+    """(n,) f8 pixels by which fattened strokes are wider than asked, across chosen points of a view."""
+    points = line_points(asset, camera, side)
+    rows = alone(points, LineMethod.FATTENED, width, side)
+    rows = rows[chosen(points.pixels[rows])]
+    return widths_found(inked(gpu, asset, camera, side, LineMethod.FATTENED, width), points, rows, LineMethod.FATTENED, width) - width
+
+
+def test_a_shallow_step_does_not_cut_the_line_of_what_stands_before_it(gpu):
+    """A plate five pixels' sizes before a wall has the whole of a line that is wider than that."""
+    wall, plate = meshes.cube(2), meshes.cube(1)
+    asset = without_hull(
+        "plate before a wall", meshes.joined((wall[0] * [3, 3, 1], wall[1]), (plate[0] * [1, 1, 0.1] + [1, 1, 1.05], plate[1]))
+    )
+    camera = Camera(eye=[1.5, 1.5, 40.0], target=[1.5, 1.5, 1.0], fov_y_deg=5.0)
+    off = off_by(gpu, asset, camera, 300, 20.0, lambda pixels: np.abs(pixels - 150.0).max(axis=1) < 60.0)
+    assert len(off) > 200
+    assert (np.abs(off) <= 0.5).mean() >= 0.98  # all but those at the corners
+
+
+@pytest.mark.parametrize("width", [8.0, 20.0])
+def test_strokes_do_not_spill_over_the_surface_where_outlines_end_in_folds(gpu, width):
+    """In the hole of a coarse torus the outline has spikes, whose other side is over the surface."""
+    camera = {"orbit": {"azimuth_deg": 30, "elevation_deg": 20}}
+    off = off_by(gpu, bare("torus"), RenderRequest(camera=camera).camera, 512, width)
+    assert len(off) > 1000
+    assert (off > 0.5).mean() <= 0.01
 
 
 @pytest.mark.heavy
