@@ -24,8 +24,9 @@ MARGIN_PX = 2.0
 MOST_ROUND = 0.5 * math.pi
 ROUND_FALL, SHARP_FALL = 1.0, 40.0
 """Pixels' sizes that a fattened edge's corner falls away by on each pixel beyond its end: of a turn up to MOST_ROUND, of a sharper one."""
-LARGEST_GAIN = 3.0
-"""Most pixels by which a fattened face comes nearer on each pixel that it grows: that of one whose normal is 70 degrees off V."""
+LARGEST_GAIN, LARGEST_RISE_PX = 3.0, 6.0
+"""Most pixels' sizes by which a fattened face comes nearer on each pixel that it grows, that of one whose normal is 70 degrees off V; and
+across its whole width: a steep wide one would come before all else."""
 
 
 class StrokeView(NamedTuple):
@@ -82,6 +83,7 @@ def make_strokes(view, pen, positions, ends, turns, vertices, indices):
     cosines, sines = np.empty(steps + 1), np.empty(steps + 1)
     for k in range(steps + 1):
         cosines[k], sines[k] = math.cos(k * turn), math.sin(k * turn)
+    most_gain = min(LARGEST_GAIN, LARGEST_RISE_PX / pen.radius)
     segment = np.empty(8)
     count = 0
     for i in range(ends.shape[0]):
@@ -90,7 +92,7 @@ def make_strokes(view, pen, positions, ends, turns, vertices, indices):
             continue
         base = count * corners
         if fattened:
-            gain = min(max(_gain(view, positions, a, b, ends[i, 2]), pen.least_gain), LARGEST_GAIN)
+            gain = min(max(_gain(view, positions, a, b, ends[i, 2]), pen.least_gain), most_gain)
             _fatten(view, segment, gain, view.flip * ends[i, 3], turns[i], steps, vertices[base : base + corners])
         else:
             if pen.most_rise > 0.0 and ends.shape[1] == 4:

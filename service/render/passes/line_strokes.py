@@ -2,7 +2,7 @@
 
 Image Precision Silhouette Edges: edges of back faces (section 3.1), the rims of fattened faces (3.3), those of front faces
 seen nearly edge-on and widths by distance (4, 6). Departures: fattening is done in the image, where a width is so many pixels whatever the
-perspective, with the depth of the face's plane; V . N_B counts as 0.1 at least there, so that no sliver comes far before the rest;
+perspective, with the depth of the face's plane, which rises so far at most that no sliver comes before the rest;
 corners are round instead of cut, so that the strokes of different faces meet.
 """
 
