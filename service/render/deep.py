@@ -26,5 +26,5 @@ def depth_row(view: View) -> F8:
 def pixel_depth(view: View) -> tuple[float, float]:
     """(share, shift): depth d comes to d (1 + share) + shift when it is nearer by as much as a pixel covers."""
     if view.orthographic:
-        return 0.0, 1.0 / (view.pixel_scale * (view.far - view.near))
-    return 1.0 / view.pixel_scale, 0.0
+        return 0.0, 1.0 / (view.depth_pixels * (view.far - view.near))
+    return 1.0 / view.depth_pixels, 0.0

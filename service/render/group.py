@@ -1,4 +1,4 @@
-"""Several meshes in one depth buffer, from their originals."""
+"""Several meshes in one depth buffer, from their originals: the surfaces of all, then the lines of each against what all have there."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ from schemas.render import RenderRequest
 from service.assets import MeshAsset
 from service.camera import View
 from service.kernels.compositing import put_drawn
-from service.render.frame import RenderedImage, Timed, tiles_of
-from service.render.passes.clear import clear_target
+from service.render.frame import FRAME, RenderedImage, Timed, tiles_of
+from service.render.line_plan import LINE_PASSES
+from service.render.passes.clear import clear_target, forget_marks
 from service.render.passes.read import read_pixels
 from service.render.passes.resolve import resolve_samples
 from service.render.passes.surface import draw_surface
-from service.render.plan import plan_frame
+from service.render.plan import Plan, drawn_there, plan_frame, shared_plan
 from service.render.state import LINEAR_TABLE, FrameState, Gpu, as_words
 from service.tile import Tile
+
+LINES = tuple(step for step in FRAME if step.name in LINE_PASSES)
+"""What the lines of one mesh take, in order."""
 
 
 @dataclass(frozen=True)
@@ -34,44 +38,56 @@ class Member:
 
 
 def render_group(gpu: Gpu, members: Sequence[Member], *, true_times: bool = False) -> RenderedImage:
-    """Draw meshes together on a transparent ground.
+    """Draw meshes together on a transparent ground. Where lines of two meet, those of the later one are over the others.
 
     Raises ValueError for members whose rungs differ or have an outline; RuntimeError when the GL reports an error.
     """
     before = gpu.gl.work
-    frames = [_frame(gpu, member) for member in members]
-    first = frames[0]
-    if any(f.plan.antialias is not first.plan.antialias or "edges" in f.plan.passes for f in frames):
+    plans = [plan_frame(member.request, member.asset, member.view, gpu.costs) for member in members]
+    shared = shared_plan(plans)
+    if any(plan.antialias is not shared.antialias for plan in plans) or "edges" in shared.passes:
         raise ValueError("a group is drawn from originals on one rung without outlines")
-    view, area = first.view, _around([f.area for f in frames if f.area.width])
+    frames = [_frame(gpu, member, drawn_there(plan, shared)) for member, plan in zip(members, plans, strict=True) if plan.area.width]
+    view, area = members[0].view, _around([plan.area for plan in plans if plan.area.width])
     image = np.zeros((view.height, view.width, 4), np.uint8)
     times = Timed(gpu, true_times)
-    for tile in tiles_of(first.plan, area):
-        _draw_tile(frames, tile, image, times)
+    for frame in frames:
+        _make_lines(frame, times, each_tile=False)
+    whole = _frame(gpu, members[0], shared)
+    for whole.tile in tiles_of(shared, area):
+        _draw_tile(whole, frames, image, times)
     times.settle()
     gpu.gl.check()
-    passes, rung = tuple(times.ms.items()), first.plan.rung
-    return RenderedImage(image, passes, tuple(times.ms), rung, first.plan.error_px, area, work=gpu.gl.work - before)
+    passes, error_px = tuple(times.ms.items()), None if any(plan.lines for plan in plans) else shared.error_px
+    return RenderedImage(image, passes, tuple(times.ms), shared.rung, error_px, area, work=gpu.gl.work - before)
 
 
-def _draw_tile(frames: list[FrameState], tile: Tile, image: U1, times: Timed) -> None:
-    first = frames[0]
-    first.tile = tile
-    times.run("clear", clear_target, first, draws=True)
+def _draw_tile(whole: FrameState, frames: list[FrameState], image: U1, times: Timed) -> None:
+    times.run("clear", clear_target, whole, draws=True)
     for frame in frames:
-        frame.tile, frame.target = tile, first.target
-        if frame.area.width:
-            times.run("surface", draw_surface, frame, draws=True)
-    if "resolve" in first.plan.passes:
-        times.run("resolve", resolve_samples, first, draws=True)
-    times.run("read", read_pixels, first)
-    if first.drawn is not None:
+        frame.tile, frame.target = whole.tile, whole.target
+        times.run("surface", draw_surface, frame, draws=True)
+    for frame in frames:
+        if frame.plan.marked:
+            forget_marks(frame)
+        _make_lines(frame, times, each_tile=True)
+    if "resolve" in whole.plan.passes:
+        times.run("resolve", resolve_samples, whole, draws=True)
+    times.run("read", read_pixels, whole)
+    if whole.drawn is not None:
+        tile = whole.tile
         out = as_words(image)[tile.y : tile.y + tile.height, tile.x : tile.x + tile.width]
-        put_drawn(as_words(first.drawn), out, False, LINEAR_TABLE)
+        put_drawn(as_words(whole.drawn), out, False, LINEAR_TABLE)
 
 
-def _frame(gpu: Gpu, member: Member) -> FrameState:
-    plan = plan_frame(member.request, member.asset, member.view, gpu.costs)
+def _make_lines(frame: FrameState, times: Timed, *, each_tile: bool) -> None:
+    """The passes of a mesh's lines that are made once, or for every tile."""
+    for step in LINES:
+        if step.name in frame.plan.passes and step.each_tile == each_tile:
+            times.run(step.name, step.make, frame, draws=step.draws)
+
+
+def _frame(gpu: Gpu, member: Member, plan: Plan) -> FrameState:
     return FrameState(gpu, member.asset, member.request, plan, member.view, None, area=plan.area)
 
 

@@ -22,6 +22,8 @@ import numpy as np
 
 from schemas.lines import Lines, LineStyle
 from service.camera import View
+from service.render.deep import NEAREST_PART as FARTHEST_DEPTH
+from service.render.deep import pixel_depth
 from service.render.edge_mesh import EdgeMesh
 from service.render.line_plan import reference_depth
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
@@ -30,6 +32,8 @@ NEAREST_PART = 1e-3
 """Parts of an edge that are nearer than this part of the view's near depth are cut off."""
 WIDEST = 8.0
 """Lines whose width follows the distance are at most so many times as wide as in the middle of the mesh."""
+USUAL_RANGE = 2.0, -1.0
+"""(scale, shift) from window depth to the clip coordinate, as `GlContext.deep_range` where depth is reversed."""
 LEAST_WIDTH = 1.0
 """Target pixels: thinner lines would have gaps wherever they pass between pixel centres."""
 
@@ -65,11 +69,12 @@ def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
     framebuffer.clear()
     gpu.gl.ignore_windings()
     # where lines meet the first one stays, and those of an earlier kind are before those of a later one
-    gpu.ctx.depth_func = "<"
+    gpu.gl.reverse_depth(False)
     if all(style is None or style.opacity == 1.0 for style in styles):
         _draw_opaque(frame, mesh, program, styles)
     else:
         _draw_translucent(frame, mesh, program, styles)
+    gpu.gl.reverse_depth(frame.plan.deep)
 
 
 def _most_widened(lines: Lines, view: View) -> float:
@@ -165,7 +170,9 @@ def _geometry(frame: FrameState, lines: Lines, styles: Styles) -> dict[str, Any]
         "width_at": reference_depth(view) if _follows(lines, view) else 0.0,
         "widest": WIDEST,
         "least_w": 0.5 if view.orthographic else NEAREST_PART * view.near,
-        "pixel_depth": _pixel_depth(view) / scale,
+        "range": frame.gpu.gl.deep_range if frame.plan.deep else USUAL_RANGE,
+        "farther": -1.0 if frame.plan.deep else 1.0,
+        "pixel_depth": (_deep_pixel_depth(view) if frame.plan.deep else _pixel_depth(view)) / scale,
         "pixel_depth_at": 1.0 if view.orthographic else view.far,
         "ridge_deg": lines.ridge_deg,
         "valley_deg": lines.valley_deg,
@@ -184,7 +191,13 @@ def _pixel_depth(view: View) -> float:
     """What the size of an image pixel is in window depth, at most all of it: anywhere when orthographic, else at the far depth."""
     z, w = view.matrix[2], view.matrix[3]
     if view.orthographic:
-        return min(1.0, 0.5 * float(np.linalg.norm(z[:3])) / view.pixel_scale)
+        return min(1.0, pixel_depth(view)[1])
     # z is some A w + B, so window depth changes by B / (2 w^2) a unit, and a pixel is w / pixel_scale units
     constant = float(z[3] - (z[:3] @ w[:3]) / (w[:3] @ w[:3]) * w[3])
-    return min(1.0, 0.5 * abs(constant) / (view.far * view.pixel_scale))
+    return min(1.0, 0.5 * abs(constant) / (view.far * view.depth_pixels))
+
+
+def _deep_pixel_depth(view: View) -> float:
+    """The same where depth is reversed (`service.render.deep`)."""
+    share, shift = pixel_depth(view)
+    return min(1.0, shift if view.orthographic else FARTHEST_DEPTH * share)

@@ -59,7 +59,7 @@ def test_views_of_one_common_frame_share_their_depths(camera):
     around = sphere_around(placements)
     base = resolve_camera(camera, around, *SIZE)
     for asset, placement in zip(assets, placements, strict=True):
-        view = view_of(placement, base, around)
+        view = view_of(placement, base, around, around)
         scene = placement.points(asset.positions, around)
         assert np.allclose(project(view, asset.positions), project(base, scene), rtol=1e-12, atol=1e-12)
         assert np.all(np.linalg.norm(scene, axis=1) <= 1.0 + 1e-6)
