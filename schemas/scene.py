@@ -140,6 +140,12 @@ class SceneRequest(_Request):
             return self.lines
         return item.lines if item.lines is None or self.lines is None else _over(item.lines, self.lines)
 
+    def resolved(self) -> SceneRequest:
+        """The same with all of its shading and lines said by every object, so that requests that are dumped alike are drawn alike."""
+        looks = [{"shading": self.shading_of(index), "lines": self.lines_of(index)} for index in range(len(self.objects))]
+        objects = [item.model_copy(update=look) for item, look in zip(self.objects, looks, strict=True)]
+        return self.model_copy(update={"objects": objects})
+
     @property
     def has_lines(self) -> bool:
         """Whether some object has lines."""

@@ -20,6 +20,7 @@ def draw_scene(gpu: Gpu, plan: ScenePlan, *, true_times: bool = False) -> Render
 
     rung: those of all layers; error_px: the largest of them, None where one has none. Raises RuntimeError when the GL reports an error.
     """
+    whole_clock = Stopwatch()
     size = (plan.height, plan.width)
     image = np.zeros((*size, 4), np.uint8)
     words = as_words(image)
@@ -46,7 +47,8 @@ def draw_scene(gpu: Gpu, plan: ScenePlan, *, true_times: bool = False) -> Render
     error = None if None in errors else max((error for error in errors if error is not None), default=0.0)
     whole = Tile(0, 0, plan.width, plan.height)
     work = sum((picture.work for picture in drawn), NO_WORK)
-    return RenderedImage(image, tuple(times.items()), tuple(steps), "+".join(rungs) or "empty", error, whole, work=work)
+    rung = "+".join(rungs) or "empty"
+    return RenderedImage(image, tuple(times.items()), tuple(steps), rung, error, whole, ms=whole_clock.ms(), work=work)
 
 
 def drawing_of(plan: ScenePlan) -> Draw:
