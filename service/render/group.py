@@ -15,6 +15,7 @@ from service.kernels.compositing import put_drawn
 from service.render.frame import FRAME, RenderedImage, Timed, tiles_of
 from service.render.line_plan import LINE_PASSES
 from service.render.passes.clear import clear_target, forget_marks
+from service.render.passes.edge_mesh import reach_of
 from service.render.passes.read import read_pixels
 from service.render.passes.resolve import resolve_samples
 from service.render.passes.surface import draw_surface
@@ -53,16 +54,20 @@ def render_group(gpu: Gpu, members: Sequence[Member], *, true_times: bool = Fals
     times = Timed(gpu, true_times)
     for frame in frames:
         _make_lines(frame, times, each_tile=False)
-    whole = _frame(gpu, members[0], shared)
-    for whole.tile in tiles_of(shared, area):
-        _draw_tile(whole, frames, image, times)
+    whole, tiles = _frame(gpu, members[0], shared), tiles_of(shared, area)
+    margin = _margin(frames) if len(tiles) > 1 else 0
+    for tile in tiles:
+        whole.tile = tile.grown(margin, view.width, view.height)
+        _draw_tile(whole, frames, times)
+        if whole.drawn is not None:
+            _put(whole.drawn, whole.tile, image, tile)
     times.settle()
     gpu.gl.check()
     passes, error_px = tuple(times.ms.items()), None if any(plan.lines for plan in plans) else shared.error_px
     return RenderedImage(image, passes, tuple(times.ms), shared.rung, error_px, area, work=gpu.gl.work - before)
 
 
-def _draw_tile(whole: FrameState, frames: list[FrameState], image: U1, times: Timed) -> None:
+def _draw_tile(whole: FrameState, frames: list[FrameState], times: Timed) -> None:
     times.run("clear", clear_target, whole, draws=True)
     for frame in frames:
         frame.tile, frame.target = whole.tile, whole.target
@@ -74,10 +79,19 @@ def _draw_tile(whole: FrameState, frames: list[FrameState], image: U1, times: Ti
     if "resolve" in whole.plan.passes:
         times.run("resolve", resolve_samples, whole, draws=True)
     times.run("read", read_pixels, whole)
-    if whole.drawn is not None:
-        tile = whole.tile
-        out = as_words(image)[tile.y : tile.y + tile.height, tile.x : tile.x + tile.width]
-        put_drawn(as_words(whole.drawn), out, False, LINEAR_TABLE)
+
+
+def _margin(frames: list[FrameState]) -> int:
+    """Pixels beyond a tile whose depth tells which lines in it are hidden."""
+    reaches = [reach_of(frame.plan.lines, frame.view) for frame in frames if frame.plan.lines and "edge_mesh" in frame.plan.passes]
+    return max(reaches, default=0)
+
+
+def _put(drawn: U1, around: Tile, image: U1, tile: Tile) -> None:
+    """Into a tile of the image, from what was drawn around it."""
+    x, y = tile.x - around.x, tile.y - around.y
+    out = as_words(image)[tile.y : tile.y + tile.height, tile.x : tile.x + tile.width]
+    put_drawn(np.ascontiguousarray(as_words(drawn)[y : y + tile.height, x : x + tile.width]), out, False, LINEAR_TABLE)
 
 
 def _make_lines(frame: FrameState, times: Timed, *, each_tile: bool) -> None:

@@ -14,6 +14,7 @@ ridge or valley by the angle between them. Departures:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,7 +26,7 @@ from service.camera import View
 from service.render.deep import NEAREST_PART as FARTHEST_DEPTH
 from service.render.deep import pixel_depth
 from service.render.edge_mesh import EdgeMesh
-from service.render.line_plan import reference_depth
+from service.render.line_plan import reference_depth, styles_of
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
 NEAREST_PART = 1e-3
@@ -75,6 +76,12 @@ def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
     else:
         _draw_translucent(frame, mesh, program, styles)
     gpu.gl.reverse_depth(frame.plan.deep)
+
+
+def reach_of(lines: Lines, view: View) -> int:
+    """Pixels from an edge, at most, to what its line covers: as far away depth is asked for."""
+    half_width = max((0.5 * style.width for style in styles_of(lines)), default=0.0)
+    return math.ceil(half_width * _most_widened(lines, view)) + 1
 
 
 def _most_widened(lines: Lines, view: View) -> float:
