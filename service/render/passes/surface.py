@@ -83,6 +83,7 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
         light=light_of(frame),
         ambient=shading.ambient,
         eye=tuple(frame.view.eye.tolist()),
+        turn=-1.0 if frame.view.mirrored else 1.0,
         nearness=tuple(_nearness(frame.view).tolist()),
         camera_axes=np.ascontiguousarray(frame.view.view[:3, :3].T, np.float32).tobytes(),
         **placed,

@@ -15,6 +15,9 @@ in vec3 to_eye;
 #if defined(SHOW_FACES) || defined(SHOW_DEPTH)
 in vec3 place;  // normalised units: the mesh is within 1 of the origin
 #endif
+#ifdef SHOW_FACES
+uniform float turn;  // -1 where the placement mirrors, else 1
+#endif
 #ifdef SHOW_DEPTH
 uniform vec4 nearness;  // of a place, from 1 to -1 over all that is drawn
 #endif
@@ -73,13 +76,13 @@ vec3 base() {
 }
 
 #ifdef SHOW_FACES
+// on the side that is seen: rows run downwards in the target
 vec3 face_normal() {
-    vec3 n = cross(dFdx(place), dFdy(place));
+    vec3 n = turn * cross(dFdy(place), dFdx(place));
     n *= inversesqrt(max(dot(n, n), 1e-30));
 #ifdef NORMAL_MATRIX
     n = normal_matrix * n;
 #endif
-    n *= dot(n, surface_normal()) < 0.0 ? -1.0 : 1.0;
     return n * inversesqrt(max(dot(n, n), 1e-30));
 }
 #endif
