@@ -191,7 +191,8 @@ HEAD = """\
 # Line effects
 
 Every one is asked of any picture (`POST .../render`, `/v1/render`, `/v1/scenes/render`) or drawing (`POST .../silhouette`,
-`/v1/silhouette`), on any mesh; what is not asked for is not there and costs nothing. The fields are in [the API](api.md#lines). Pictures and costs are made by
+`/v1/silhouette`), on any mesh; what is not asked for is not there and costs nothing. The fields are in [the API](api.md#lines).
+Pictures and costs are made by
 `python -m benchmarks.effects`: 512 x 512, 4 samples a pixel, on the CPU; the median with the effect less that without, and for vector
 lines all that a view takes.
 

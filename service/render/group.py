@@ -45,7 +45,7 @@ def render_group(gpu: Gpu, members: Sequence[Member], *, true_times: bool = Fals
     """
     before = gpu.gl.work
     plans = [plan_frame(member.request, member.asset, member.view, gpu.costs) for member in members]
-    shared = shared_plan(plans)
+    shared = shared_plan(plans, members[0].view)
     if any(plan.antialias is not shared.antialias for plan in plans) or "edges" in shared.passes:
         raise ValueError("a group is drawn from originals on one rung without outlines")
     frames = [_frame(gpu, member, drawn_there(plan, shared)) for member, plan in zip(members, plans, strict=True) if plan.area.width]

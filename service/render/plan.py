@@ -16,6 +16,7 @@ from service.camera import View
 from service.costs import GRID, NOMINAL, CostModel, ViewTerms
 from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
 from service.render.choice import CERTAIN, Choice, choose, why_not_clipped
+from service.render.deep import is_too_far
 from service.render.line_plan import is_deep, is_translucent, line_passes, lined, lines_asked, reach_px
 from service.rungs import ALWAYS, DRAWN, SILHOUETTE, is_outlined, passes_of
 from service.silhouette.levels import LevelInView
@@ -129,10 +130,14 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
     return Plan(choice, mode, passes, closed, area, accuracy.smooth, lines, deep, marked)
 
 
-def shared_plan(plans: Sequence[Plan]) -> Plan:
-    """That of the target that meshes share: what one of them needs of it, it has."""
+def shared_plan(plans: Sequence[Plan], view: View) -> Plan:
+    """That of the target that meshes share: what one of them needs of it, it has. view: of any of them.
+
+    Depth is in floats too where whole numbers could not tell how far lines are before what they hide: meshes may be near and far.
+    """
     passes = frozenset[str]().union(*(plan.passes for plan in plans))
-    deep, marked = any(plan.deep for plan in plans), any(plan.marked for plan in plans)
+    deep = any(plan.deep for plan in plans) or ("edge_mesh" in passes and is_too_far(view))
+    marked = any(plan.marked for plan in plans)
     return replace(plans[0], passes=passes, deep=deep, marked=marked)
 
 

@@ -15,7 +15,7 @@ from schemas.scene import SceneRequest, matrix_of
 from service.assets import MeshAsset
 from service.camera import View, resolve_camera
 from service.kernels.screen_bounds import NOTHING, screen_bounds
-from service.render.line_plan import lined, lines_asked, reach_px
+from service.render.line_plan import lined, lines_asked, reach_px, styles_of
 from service.render.plan import plan_frame
 from service.scene.order import Group, Placed, sort_groups
 from service.scene.place import own_view, place, sphere_around, view_of
@@ -108,21 +108,29 @@ def _layers(request: SceneRequest, seen: list[Placed], camera: View, around: Fra
 
 
 def _with_lines(request: SceneRequest, seen: list[Placed], camera: View, around: Frame) -> list[Layer]:
-    """All at one place, the farthest first: where lines of two objects meet, the nearer one's are over the other's."""
+    """All at one place, the farthest first if that can be seen: where lines of two objects meet, the nearer one's are over the other's."""
     accuracy = lined(request.accuracy)
-    shaped = []
-    for placed in seen:
-        asset, placement = in_shape(placed.asset, placed.placement)
-        shaped.append(replace(placed, asset=asset, placement=placement))
-    if len(shaped) == 1:
-        ((one, placed),) = zip(shaped, seen, strict=True)
-        size = (request.width, request.height)
-        view = placed.view if one.asset is placed.asset else own_view(one.asset, one.placement, request.camera, size, around)
-        return [_alone(request, replace(one, view=view), accuracy)]
-    if not shaped:
-        return []
-    order = [member for group in sort_groups(seen, camera.eye, around) for member in group.members]
-    return [_together(request, [shaped[member] for member in order], around, LINED, accuracy)]
+    shaped = [_shaped(request, placed, around) for placed in seen]
+    if len(shaped) < 2:
+        return [_alone(request, placed, accuracy) for placed in shaped]
+    if _order_shows([request.lines_of(placed.index) for placed in seen]):
+        shaped = [shaped[member] for group in sort_groups(seen, camera.eye, around) for member in group.members]
+    return [_together(request, shaped, around, LINED, accuracy)]
+
+
+def _order_shows(lines: Sequence[Lines | None]) -> bool:
+    """Whether it can be seen which of two lines is over the other."""
+    looks = {(style.color, style.opacity) for one in lines if one is not None for style in styles_of(one)}
+    return len(looks) > 1 or any(opacity < 1.0 for _, opacity in looks)
+
+
+def _shaped(request: SceneRequest, placed: Placed, around: Frame) -> Placed:
+    """The object with its mesh in the shape that the placement gives it."""
+    asset, placement = in_shape(placed.asset, placed.placement)
+    if asset is placed.asset:
+        return placed
+    view = own_view(asset, placement, request.camera, (request.width, request.height), around)
+    return replace(placed, asset=asset, placement=placement, view=view)
 
 
 def _share_of(accuracy: Accuracy, objects: int) -> Accuracy:

@@ -152,10 +152,10 @@ def test_scene_of_ids_and_files_beside_it(service, knot, knot_file, tmp_path):
     assert b"layer[1]" in run.stderr
     with Image.open(tmp_path / "s.png") as image:
         assert image.size == (90, 512)
-    piped = silhouette(
-        "scene", "-", "-o", "-", "--size", "40x30", url=service.url, input=json.dumps({"objects": [{"mesh": knot.id}]}).encode()
-    )
+    lined = json.dumps({"lines": {}, "objects": [{"mesh": knot.id}]}).encode()
+    piped = silhouette("scene", "-", "-o", "-", "--size", "40x30", url=service.url, input=lined)
     assert piped.stdout[:8] == b"\x89PNG\r\n\x1a\n"
+    assert b"edge_mesh" in piped.stderr
 
 
 @pytest.mark.parametrize(

@@ -245,6 +245,17 @@ def test_widths_by_distance_are_those_at_the_middle_of_the_scene(gpu):
         assert 0.6 < far < 0.9
 
 
+@pytest.mark.parametrize("method", ["edge_mesh", "fattened"])
+def test_far_objects_are_told_apart_though_a_near_one_is_in_the_picture(gpu, method):
+    """Two that go through each other a thousand units away, and a ball a quarter of a unit away, a thousandth of one across."""
+    far = [("ring", {"translate": [0, 0, -1000], "scale": 10})]
+    far += [("knot", {"rotate": {"axis": [1, 1, 0], "angle_deg": 70}, "translate": [-6, 2, -1022], "scale": 12})]
+    near = ("ball", {"translate": [0.004, 0.003, -0.25], "scale": 0.0005})
+    more = {"camera": {"eye": [0, 0, 0], "target": [0, 0, -1], "fov_y_deg": 2.2}, "lines": {"method": method}, "size": (400, 400)}
+    with_it, without = (drawn(gpu, objects, **more).pixels[100:] for objects in ([*far, near], far))
+    assert differing(with_it, without, 30) < 0.003
+
+
 def test_wide_lines_of_an_object_beside_the_picture_reach_into_it(gpu):
     objects = [("ball", {}), ("ball", {"translate": [0, 0, 0], "scale": 0.001})]
     camera = {"eye": [0, 0, 4], "target": [-2.9, 0, 0], "fov_y_deg": 40}
@@ -270,10 +281,10 @@ def test_open_objects_have_their_borders_and_the_nearest_layer_is_their_own(gpu)
 def test_clippable_objects_are_drawn_with_lines_from_their_originals():
     assets = [small("ring"), small("ball"), small("box")]
     objects = [("ring", {}), ("ball", {"translate": [0, 0, -3]}), ("box", {"translate": [90, 0, 0]})]
-    plan = planned(objects, assets, lines={"silhouette": {}})
+    plan = planned(objects, assets, lines={"silhouette": {"opacity": 0.5}})
     assert all(asset.hull is not None for asset in assets)
     assert plan.outside == (2,)
-    assert [part.index for part in plan.layers[0].parts] == [1, 0]
+    assert [part.index for part in plan.layers[0].parts] == [1, 0], "the farther one first"
     assert all(part.request.accuracy == Accuracy(source="original", antialias="msaa") for part in plan.layers[0].parts)
 
 
