@@ -49,13 +49,16 @@ def render_group(gpu: Gpu, members: Sequence[Member], *, true_times: bool = Fals
     if any(plan.antialias is not shared.antialias for plan in plans) or "edges" in shared.passes:
         raise ValueError("a group is drawn from originals on one rung without outlines")
     frames = [_frame(gpu, member, drawn_there(plan, shared)) for member, plan in zip(members, plans, strict=True) if plan.area.width]
+    by_edges = [frame for frame in frames if "edge_mesh" in frame.plan.passes]
+    for place, frame in enumerate(by_edges):
+        frame.line_place = place, len(by_edges)
     view, area = members[0].view, _around([plan.area for plan in plans if plan.area.width])
     image = np.zeros((view.height, view.width, 4), np.uint8)
     times = Timed(gpu, true_times)
     for frame in frames:
         _make_lines(frame, times, each_tile=False)
     whole, tiles = _frame(gpu, members[0], shared), tiles_of(shared, area)
-    margin = _margin(frames) if len(tiles) > 1 else 0
+    margin = _margin(by_edges) if len(tiles) > 1 else 0
     for tile in tiles:
         whole.tile = tile.grown(margin, view.width, view.height)
         _draw_tile(whole, frames, times)
@@ -83,8 +86,7 @@ def _draw_tile(whole: FrameState, frames: list[FrameState], times: Timed) -> Non
 
 def _margin(frames: list[FrameState]) -> int:
     """Pixels beyond a tile whose depth tells which lines in it are hidden."""
-    reaches = [reach_of(frame.plan.lines, frame.view) for frame in frames if frame.plan.lines and "edge_mesh" in frame.plan.passes]
-    return max(reaches, default=0)
+    return max((reach_of(frame.plan.lines, frame.view) for frame in frames if frame.plan.lines), default=0)
 
 
 def _put(drawn: U1, around: Tile, image: U1, tile: Tile) -> None:

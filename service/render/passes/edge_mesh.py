@@ -38,6 +38,7 @@ USUAL_RANGE = 2.0, -1.0
 LEAST_WIDTH = 1.0
 """Target pixels: thinner lines would have gaps wherever they pass between pixel centres."""
 
+KINDS = 4
 Styles = Sequence[LineStyle | None]
 """Of silhouettes, borders, ridges and valleys; None for those that are not drawn. The first of several that an edge is counts."""
 
@@ -56,20 +57,20 @@ def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
     """The same for an edge mesh that the cache does not have, such as one that has been moved."""
     if frame.target is None:
         raise RuntimeError("lines came before the surface they are drawn over")
-    styles = _styles(lines, mesh)
+    gpu, target, styles = frame.gpu, frame.target, _styles(lines, mesh)
+    framebuffer = gpu.targets.over(target)
+    framebuffer.viewport = (0, 0, frame.tile.width * frame.scale, frame.tile.height * frame.scale)
+    _write(framebuffer, color=False, alpha=False, depth=True)
+    if frame.line_place[0] == 0:
+        framebuffer.clear()
     if not any(styles):
         return
-    gpu, target = frame.gpu, frame.target
     program = _program(frame, mesh, lines, styles)
     gpu.programs.set(program, **frame.placement(), **_geometry(frame, lines, styles), depth=0, positions=1)
     gpu.gl.use_depth_texture(target.depth, target.samples, 0)
     mesh.positions.use(1)
-    framebuffer = gpu.targets.over(target)
-    framebuffer.viewport = (0, 0, frame.tile.width * frame.scale, frame.tile.height * frame.scale)
-    _write(framebuffer, color=False, alpha=False, depth=True)
-    framebuffer.clear()
     gpu.gl.ignore_windings()
-    # where lines meet the first one stays, and those of an earlier kind are before those of a later one
+    # where lines meet the first one stays, those of an earlier kind are before those of a later one, and those of a later mesh before all
     gpu.gl.reverse_depth(False)
     if all(style is None or style.opacity == 1.0 for style in styles):
         _draw_opaque(frame, mesh, program, styles)
@@ -172,6 +173,7 @@ def _geometry(frame: FrameState, lines: Lines, styles: Styles) -> dict[str, Any]
         "eye": _eye(frame),
         "size": (float(size[0]), float(size[1])),
         "reach": (1.0 + 2.0 * beyond / size[0], 1.0 + 2.0 * beyond / size[1]),
+        "depths": _line_depths(*frame.line_place),
         "half_widths": tuple(half_widths),
         "least_half_width": 0.5 * LEAST_WIDTH,
         "width_at": reference_depth(view) if _follows(lines, view) else 0.0,
@@ -184,6 +186,11 @@ def _geometry(frame: FrameState, lines: Lines, styles: Styles) -> dict[str, Any]
         "ridge_deg": lines.ridge_deg,
         "valley_deg": lines.valley_deg,
     }
+
+
+def _line_depths(place: int, meshes: int) -> tuple[float, float]:
+    """(first, step) of the clip coordinates of the kinds, for one of so many meshes, of which the last is the nearest."""
+    return -0.5 + (meshes - 1 - place) / meshes, 1.0 / (KINDS * meshes)
 
 
 def _eye(frame: FrameState) -> tuple[float, ...]:

@@ -10,6 +10,7 @@ layout(triangle_strip, max_vertices = 4) out;
 //! include edge_mesh_positions.part.glsl
 //! include placed.part.glsl
 uniform vec2 size;          // target pixels
+uniform vec2 depths;        // where lines of the first kind are before others, and how far those of the next one are behind them
 uniform vec2 reach;         // how far beyond the target lines are not cut off, 1 at its border
 uniform vec4 half_widths;   // of each kind, target pixels; 0 where it is not drawn
 uniform float least_half_width;
@@ -53,7 +54,7 @@ vec2 part_in_view(vec4 a, vec4 b) {
 
 void put(vec2 corner, int line) {
     // each kind is before the next one, so that of two lines the more important one is seen
-    gl_Position = vec4(corner / size * 2.0 - 1.0, 0.25 * float(line) - 0.5, 1.0);
+    gl_Position = vec4(corner / size * 2.0 - 1.0, depths.x + depths.y * float(line), 1.0);
     EmitVertex();
 }
 
