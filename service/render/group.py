@@ -12,7 +12,7 @@ from schemas.render import RenderRequest
 from service.assets import MeshAsset
 from service.camera import View
 from service.kernels.compositing import put_drawn
-from service.render.frame import FRAME, RenderedImage, Timed, tiles_of
+from service.render.frame import FRAME, Pass, RenderedImage, Timed, tiles_of
 from service.render.line_plan import LINE_PASSES
 from service.render.passes.clear import clear_target, forget_marks
 from service.render.passes.edge_mesh import reach_of
@@ -24,7 +24,10 @@ from service.render.state import LINEAR_TABLE, FrameState, Gpu, as_words
 from service.tile import Tile
 
 LINES = tuple(step for step in FRAME if step.name in LINE_PASSES)
-"""What the lines of one mesh take, in order."""
+BEFORE = tuple(step for step in LINES if not step.each_tile)
+MEANWHILE = tuple(step for step in LINES if step.meanwhile)
+AFTER = tuple(step for step in LINES if step.each_tile and not step.meanwhile)
+"""What the lines of one mesh take: before surfaces are drawn, while the GL draws those of the first tile, and over them in each tile."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,12 @@ def render_group(gpu: Gpu, members: Sequence[Member], *, true_times: bool = Fals
     image = np.zeros((view.height, view.width, 4), np.uint8)
     times = Timed(gpu, true_times)
     for frame in frames:
-        _make_lines(frame, times, each_tile=False)
+        _make(BEFORE, frame, times)
     whole, tiles = _frame(gpu, members[0], shared), tiles_of(shared, area)
     margin = _margin(by_edges) if len(tiles) > 1 else 0
-    for tile in tiles:
+    for number, tile in enumerate(tiles):
         whole.tile = tile.grown(margin, view.width, view.height)
-        _draw_tile(whole, frames, times)
+        _draw_tile(whole, frames, times, first=number == 0)
         if whole.drawn is not None:
             _put(whole.drawn, whole.tile, image, tile)
     times.settle()
@@ -70,15 +73,19 @@ def render_group(gpu: Gpu, members: Sequence[Member], *, true_times: bool = Fals
     return RenderedImage(image, passes, tuple(times.ms), shared.rung, error_px, area, work=gpu.gl.work - before)
 
 
-def _draw_tile(whole: FrameState, frames: list[FrameState], times: Timed) -> None:
+def _draw_tile(whole: FrameState, frames: list[FrameState], times: Timed, *, first: bool) -> None:
     times.run("clear", clear_target, whole, draws=True)
     for frame in frames:
         frame.tile, frame.target = whole.tile, whole.target
         times.run("surface", draw_surface, frame, draws=True)
+    if first:
+        whole.gpu.gl.flush()
+        for frame in frames:
+            _make(MEANWHILE, frame, times)
     for frame in frames:
         if frame.plan.marked:
             forget_marks(frame)
-        _make_lines(frame, times, each_tile=True)
+        _make(AFTER, frame, times)
     if "resolve" in whole.plan.passes:
         times.run("resolve", resolve_samples, whole, draws=True)
     times.run("read", read_pixels, whole)
@@ -96,10 +103,10 @@ def _put(drawn: U1, around: Tile, image: U1, tile: Tile) -> None:
     put_drawn(np.ascontiguousarray(as_words(drawn)[y : y + tile.height, x : x + tile.width]), out, False, LINEAR_TABLE)
 
 
-def _make_lines(frame: FrameState, times: Timed, *, each_tile: bool) -> None:
-    """The passes of a mesh's lines that are made once, or for every tile."""
-    for step in LINES:
-        if step.name in frame.plan.passes and step.each_tile == each_tile:
+def _make(steps: Sequence[Pass], frame: FrameState, times: Timed) -> None:
+    """Those of the steps that the mesh's plan has."""
+    for step in steps:
+        if step.name in frame.plan.passes:
             times.run(step.name, step.make, frame, draws=step.draws)
 
 
