@@ -152,10 +152,13 @@ def test_scene_of_ids_and_files_beside_it(service, knot, knot_file, tmp_path):
     assert b"layer[1]" in run.stderr
     with Image.open(tmp_path / "s.png") as image:
         assert image.size == (90, 512)
-    lined = json.dumps({"lines": {}, "objects": [{"mesh": knot.id}]}).encode()
-    piped = silhouette("scene", "-", "-o", "-", "--size", "40x30", url=service.url, input=lined)
+    piped = silhouette(
+        "scene", "-", "-o", "-", "--size", "40x30", url=service.url, input=json.dumps({"objects": [{"mesh": knot.id}]}).encode()
+    )
     assert piped.stdout[:8] == b"\x89PNG\r\n\x1a\n"
-    assert b"edge_mesh" in piped.stderr
+    (tmp_path / "scene.json").write_text(json.dumps(scene | {"lines": {}}))
+    lined = silhouette("scene", tmp_path / "scene.json", "-o", tmp_path / "s.png", url=service.url)
+    assert b"edge_mesh" in lined.stderr
 
 
 @pytest.mark.parametrize(
