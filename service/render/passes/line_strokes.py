@@ -67,8 +67,8 @@ def pull_of(frame: FrameState, lines: Lines) -> tuple[float, float, float]:
     if lines.pull.by == "offset":
         return 0.0, 0.0, 0.0
     if view.orthographic:  # there is no distance from the eye: a share of the mesh's radius instead
-        return 0.0, amount / (view.far - view.near), 0.0
-    return (0.0, 0.0, amount) if lines.pull.by == "fixed" else (amount / (1.0 - amount), 0.0, 0.0)
+        return 0.0, amount / view.depth_unit / (view.far - view.near), 0.0
+    return (0.0, 0.0, amount / view.depth_unit) if lines.pull.by == "fixed" else (amount / (1.0 - amount), 0.0, 0.0)
 
 
 DEFAULT_PULL = {"fixed": 0.05, "z": 0.02, "offset": 6.0}
@@ -108,8 +108,8 @@ def _distance_factor(frame: FrameState) -> float:
     half = 0.5 * min(view.width, view.height)
     if view.orthographic:
         return min(1.0, view.pixel_scale / half)
-    fitting = FIT_MARGIN * math.hypot(1.0, view.pixel_scale / half)
-    return min(1.0, fitting / max(reference_depth(view), 1e-300))
+    fitting = FIT_MARGIN * math.hypot(1.0, view.depth_pixels / half)
+    return min(1.0, fitting / max(float(view.matrix[3, 3]), view.near) / view.depth_unit)
 
 
 def _reference(frame: FrameState, lines: Lines) -> float:
