@@ -75,11 +75,13 @@ def _why_chosen(accuracy: Accuracy, missed: tuple[str, ...]) -> str:
 _LINE_REASONS = {
     "first_layer": "which faces are nearest is seen, since facing does not tell",
     "line_faces": "the silhouette is where faces behind adjoin the nearest layer",
+    "vector_lines": "strokes go along the exact visible lines of this view",
     "line_strokes": "lines have a width in pixels",
     "charcoal": "faces seen nearly edge-on were asked to be fatter",
     "lines_back": "back faces are drawn as the silhouette's lines",
     "line_edges": "edges were asked for whatever the view",
     "edge_mesh": "edges that are lines in this view are drawn as such",
+    "strokes": "strokes are drawn over what is known to be behind them",
 }
 
 
@@ -115,6 +117,8 @@ def _absence(name: str, plan: Plan) -> str:
         return "nothing is in view"
     if name in ("surface", "rim", "hull") and plan.mode is ShadingMode.MASK:
         return "only the mask was asked for"
+    if name == "surface" and plan.lines is not None:
+        return "nothing of it is shown, and strokes are known to be in sight without it"
     if name in _LINE_REASONS:
         return "no lines of this kind were asked for" if plan.lines else "no lines were asked for"
     outlined = "edges" in plan.passes
