@@ -15,9 +15,10 @@ STRAIGHT = 0.0
 
 @njit(cache=True, nogil=True)
 def runs_of(lines, nodes, kinds, line, spans, seen):
-    """(points (r, 2, 3) f8, at (r, 2) i4, kind (r,) u1, in_sight (r,) bool): pieces of a line that are one after the other and alike, as one.
+    """(points (r, 2, 3) f8, at (r, 2) i4, kind (r,) u1, in_sight (r,) bool): pieces of a line that follow one another and are alike as one.
 
-    points: both ends in pixels, and how near they are (`line_image.NEAR0`); at: the nodes there. line, spans: `line_pieces.cut_lines`; seen: `line_sight.pieces_in_sight`.
+    points: both ends in pixels, and how near they are (`line_image.NEAR0`); at: the nodes there. line, spans: `line_pieces.cut_lines`;
+    seen: `line_sight.pieces_in_sight`.
     """
     count = line.shape[0]
     points, at = np.empty((count, 2, 3)), np.empty((count, 2), np.int32)

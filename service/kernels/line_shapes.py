@@ -108,7 +108,7 @@ def _round_corner(points, before, corner, after, tolerance, out, n):
 def smooth(points, starts, closed, tolerance):
     """(rounded (m, k) f8, starts (l + 1,) i4): polylines with their corners rounded, nowhere farther than `tolerance` from the corners.
 
-    Arguments as those of `simplify`, points (n, k) with anything linear along the lines in further columns; the ends of open polylines stay.
+    Arguments as those of `simplify`, points (n, k) with what is linear along the lines in further columns; the ends of open polylines stay.
     """
     out = np.empty((points.shape[0] * (STEPS + 1), points.shape[1]))
     ends, n = np.zeros(starts.shape[0], np.int32), 0

@@ -82,7 +82,7 @@ def _join(x, y, radius, before, after, side, tolerance, out, n):
     """Append the corners where two pieces meet, on a side; returns the new n."""
     ax, ay = _normal(before, side)
     bx, by = _normal(after, side)
-    cosine, cross = ax * bx + ay * by, ax * by - ay * bx
+    cosine = ax * bx + ay * by
     if cosine > NEARLY_STRAIGHT:
         mx, my = (ax + bx) / (1.0 + cosine), (ay + by) / (1.0 + cosine)
         back = radius * abs((mx - ax) * before[0] + (my - ay) * before[1])
@@ -91,8 +91,10 @@ def _join(x, y, radius, before, after, side, tolerance, out, n):
         if back <= NEAR_ENOUGH * room_back and on <= NEAR_ENOUGH * room_on:
             out[n, 0], out[n, 1] = x + radius * mx, y + radius * my
             return n + 1
-    if side * cross < 0.0 or (cross == 0.0 and side > 0.0):
-        return _arc(x, y, radius, ax, ay, -side * math.atan2(abs(cross), cosine), tolerance, out, n)
+    turn = math.atan2(before[0] * after[1] - before[1] * after[0], before[0] * after[0] + before[1] * after[1])
+    opening = math.asin(before[3]) - math.asin(after[3]) - side * turn  # more than half a turn about a large disc between small ones
+    if opening >= 0.0:
+        return _arc(x, y, radius, ax, ay, -side * opening, tolerance, out, n)
     out[n, 0], out[n, 1] = x + radius * ax, y + radius * ay
     out[n + 1, 0], out[n + 1, 1] = x, y
     out[n + 2, 0], out[n + 2, 1] = x + radius * bx, y + radius * by
@@ -118,15 +120,15 @@ def _cap(x, y, radius, direction, side, at_end, flat, tolerance, out, n):
 def sides(points, radii, starts, closed, flat, tolerance):
     """(corners (k, 2) f8, first (2 m + 1,) i8): corners of the strokes about points (m, 2) f8 with radii (m,) f8, pixels.
 
-    Those of point i on the left and the right of the way (as x to the right and y down has them: on the right and the left) are
-    corners[first[2 i]:first[2 i + 1]] and corners[first[2 i + 1]:first[2 i + 2]], both along the way. Polylines as in `stroke_paths.resample`;
-    flat (l,) bool: those that do not end round. tolerance: pixels by which chords may be off their arcs.
+    Those of point i on both sides are corners[first[2 i]:first[2 i + 1]] and corners[first[2 i + 1]:first[2 i + 2]], both along the way;
+    the first side is where (-y, x) of a direction (x, y) points. Polylines as in `stroke_paths.resample`; flat (l,) bool: those that do
+    not end round. tolerance: pixels by which chords may be off their arcs.
     """
     directions = _directions(points, radii, starts, closed)
     largest = 0.0
     for k in range(radii.shape[0]):
         largest = max(largest, radii[k])
-    most = _steps(math.pi, largest, tolerance) + 3
+    most = _steps(2.0 * math.pi, largest, tolerance) + 3
     corners, first = np.empty((max(1024, 4 * points.shape[0]), 2)), np.zeros(2 * points.shape[0] + 1, np.int64)
     n = 0
     for i in range(closed.shape[0]):

@@ -54,7 +54,10 @@ def resample(points, depths, starts, closed, step):
             j = k + 1 if k + 1 < last else first
             for part in range(max(pieces[k], 1)):
                 t = part / max(pieces[k], 1)
-                places[n, 0], places[n, 1] = points[k, 0] + t * (points[j, 0] - points[k, 0]), points[k, 1] + t * (points[j, 1] - points[k, 1])
+                places[n, 0], places[n, 1] = (
+                    points[k, 0] + t * (points[j, 0] - points[k, 0]),
+                    points[k, 1] + t * (points[j, 1] - points[k, 1]),
+                )
                 places[n, 2], at[n] = depths[k] + t * (depths[j] - depths[k]), way + t * sizes[k]
                 n += 1
             way += sizes[k]

@@ -117,8 +117,6 @@ def _absence(name: str, plan: Plan) -> str:
         return "nothing is in view"
     if name in ("surface", "rim", "hull") and plan.mode is ShadingMode.MASK:
         return "only the mask was asked for"
-    if name == "surface" and plan.lines is not None:
-        return "nothing of it is shown, and strokes are known to be in sight without it"
     if name in _LINE_REASONS:
         return "no lines of this kind were asked for" if plan.lines else "no lines were asked for"
     outlined = "edges" in plan.passes
@@ -130,6 +128,7 @@ def _absence(name: str, plan: Plan) -> str:
         "smooth": "the mesh's own outline was asked for",
         "hull": "the GL draws the surface",
         "resolve": "there is one sample a pixel",
+        "surface": "nothing of it is shown, and strokes are known to be in sight without it",
         "rim": "pixels show what is at their centres",
         "composite": "the GL's pixels are the picture",
     }

@@ -76,7 +76,8 @@ def line_passes(lines: Lines, asset: MeshAsset, closed: bool) -> frozenset[str]:
     if lines.method is LineMethod.EDGE_MESH:
         return frozenset({"edge_mesh"})
     if lines.method is LineMethod.STROKES:
-        return frozenset({"vector_lines", "line_strokes", "strokes"} | ({"resolve"} if is_translucent(lines) else set()))
+        drawn = {"vector_lines", "line_strokes", "strokes"} if styles_of(lines) else set()
+        return frozenset(drawn | ({"resolve"} if is_translucent(lines) else set()))
     passes: set[str] = set()
     if lines.silhouette is not None:
         passes |= {"line_faces", "lines_back"} | ({"line_strokes"} if lines.method is not LineMethod.TRANSLATED else set())

@@ -47,7 +47,7 @@ def lines_json(lines: VectorLines) -> list[dict[str, Any]]:
     points = np.round(lines.points, PIXEL_DIGITS)
     flags = zip(lines.kinds.tolist(), lines.visible.tolist(), lines.closed.tolist(), strict=True)
     vertices = None if lines.vertices is None else [None if v < 0 else v for v in lines.vertices.tolist()]
-    given = {"vertices": vertices}
+    given: dict[str, Any] = {"vertices": vertices}
     for name, values in (("widths", lines.widths), ("opacities", lines.opacities)):
         given[name] = None if values is None else np.round(values, SHARE_DIGITS)
     columns = {name: values for name, values in given.items() if values is not None}

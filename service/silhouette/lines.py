@@ -66,12 +66,19 @@ class VectorLines:
         sizes = np.diff(self.offsets)
         rows = np.repeat(which, sizes)
         offsets = np.concatenate([[0], np.cumsum(sizes[which])]).astype(np.int32)
-        vertices, widths, opacities = (None if part is None else part[rows] for part in (self.vertices, self.widths, self.opacities))
         return replace(
-            self, points=self.points[rows], offsets=offsets, kinds=self.kinds[which], visible=self.visible[which],
-            closed=self.closed[which], vertices=vertices, depths=self.depths[rows], widths=widths, opacities=opacities,
+            self,
+            points=self.points[rows],
+            offsets=offsets,
+            kinds=self.kinds[which],
+            visible=self.visible[which],
+            closed=self.closed[which],
+            vertices=None if self.vertices is None else self.vertices[rows],
+            depths=self.depths[rows],
+            widths=None if self.widths is None else self.widths[rows],
+            opacities=None if self.opacities is None else self.opacities[rows],
             flat=None if self.flat is None else self.flat[which],
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
@@ -214,19 +221,28 @@ def _cuts(lines: F8, nodes: I4, contours: F8, contour_nodes: I4, view: View) -> 
 
 def _chained(runs: tuple[F8, I4, Array, Flags], visible_only: bool, vertex_count: int) -> VectorLines:
     """The polylines; their depths are how near they are still, which is linear in the image."""
-    points, at, kind, visible = (part[runs[3]] for part in runs) if visible_only else runs
-    ends, offsets, closed = line_chains.chain(points, at, kind, visible)
-    places, nodes, starts = line_chains.polylines(points, at, ends, offsets, closed)
+    pieces, at, kind, visible = (part[runs[3]] for part in runs) if visible_only else runs
+    ends, offsets, closed = line_chains.chain(pieces, at, kind, visible)
+    places, nodes, starts = line_chains.polylines(pieces, at, ends, offsets, closed)
     first = ends[offsets[:-1]] // 2
     kinds, visible = kind[first], visible[first]
     order = np.lexsort((~visible, kinds))
-    sizes = np.diff(starts)[order]
-    starts_in_order = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
-    rows = np.arange(len(places)) + np.repeat(starts[:-1][order] - starts_in_order[:-1], sizes)
+    rows, offsets = rows_in_order(starts, order)
     nodes = np.where(nodes < vertex_count, nodes, -1)[rows]
-    places = places[rows]
-    points, near = np.ascontiguousarray(places[:, :2]), np.ascontiguousarray(places[:, 2])
-    return VectorLines(points, starts_in_order, kinds[order], visible[order], closed[order], nodes, near)
+    points, near = _split(places[rows])
+    return VectorLines(points, offsets, kinds[order], visible[order], closed[order], nodes, near)
+
+
+def rows_in_order(offsets: I4, order: Array) -> tuple[Array, I4]:
+    """(rows (n,), offsets (l + 1,) i4) that put polylines, i from offsets[i] to offsets[i + 1], into another order."""
+    sizes = np.diff(offsets)[order]
+    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
+    return np.arange(offsets[-1]) + np.repeat(offsets[:-1][order] - starts[:-1], sizes), starts
+
+
+def _split(places: F8) -> tuple[F8, F8]:
+    """Points, and what is beside them."""
+    return np.ascontiguousarray(places[:, :2]), np.ascontiguousarray(places[:, 2])
 
 
 def _shaped(found: VectorLines, wanted: SilhouetteRequest) -> VectorLines:
@@ -240,6 +256,6 @@ def _shaped(found: VectorLines, wanted: SilhouetteRequest) -> VectorLines:
     if wanted.smooth_px is not None:
         places = np.column_stack([found.points, found.depths])
         places, offsets = line_shapes.smooth(places, found.offsets, found.closed, wanted.smooth_px)
-        points, near = np.ascontiguousarray(places[:, :2]), np.ascontiguousarray(places[:, 2])
+        points, near = _split(places)
         found = replace(found, points=points, depths=near, offsets=offsets, vertices=None)
     return found

@@ -22,7 +22,7 @@ from service.camera import View
 from service.kernels import line_shapes, stroke_outlines, stroke_paths
 from service.kernels.clip import EYE_PLANE
 from service.silhouette.line_mesh import Flags, LineMesh
-from service.silhouette.lines import KINDS, VectorLines, vector_lines
+from service.silhouette.lines import KINDS, VectorLines, rows_in_order, vector_lines
 from service.waiting import Stopwatch
 
 FOLLOWS: dict[StrokeBy, int] = {
@@ -176,19 +176,11 @@ def _at_least(lines: VectorLines, opacity: float) -> VectorLines:
 def _visible_dashed(lines: VectorLines, pattern: F8) -> VectorLines:
     """Visible lines cut into dashes, hidden ones as they are; of a kind the visible ones still come first."""
     cut, hidden = dashed(lines.chosen(lines.visible), pattern), lines.chosen(~lines.visible)
-    rows = np.concatenate([_rows(cut), _rows(hidden)])
-    offsets = np.concatenate([cut.offsets, cut.offsets[-1] + hidden.offsets[1:]])
-    order = np.argsort(np.concatenate([cut.kinds, hidden.kinds]), kind="stable")
-    both = replace(
-        cut,
-        kinds=np.concatenate([cut.kinds, hidden.kinds]),
-        visible=np.concatenate([cut.visible, hidden.visible]),
-    )
-    sizes = np.diff(offsets)[order]
-    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
-    rows = rows[np.arange(len(rows)) + np.repeat(offsets[:-1][order] - starts[:-1], sizes)]
-    closed = np.concatenate([cut.closed, hidden.closed])[order]
-    return _cut(both, rows, starts, order.astype(np.int32), closed, both.visible[order])
+    kinds, visible, closed = (np.concatenate(pair) for pair in zip(*((a.kinds, a.visible, a.closed) for a in (cut, hidden)), strict=True))
+    order = np.argsort(kinds, kind="stable")
+    rows, offsets = rows_in_order(np.concatenate([cut.offsets, cut.offsets[-1] + hidden.offsets[1:]]), order)
+    both = replace(cut, kinds=kinds, visible=visible)
+    return _cut(both, np.concatenate([_rows(cut), _rows(hidden)])[rows], offsets, order.astype(np.int32), closed[order], visible[order])
 
 
 def _sides(lines: VectorLines, width: float) -> tuple[F8, F8, Array]:

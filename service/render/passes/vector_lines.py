@@ -17,12 +17,9 @@ def find_vector_lines(frame: FrameState) -> None:
     lines, view = frame.plan.lines, frame.view
     assert lines is not None
     styles = {kind: getattr(lines, kind) for kind in DRAWN_KINDS}
-    asked = [kind for kind, style in styles.items() if style is not None]
-    if not asked:
-        return
     wanted = SilhouetteRequest(
         project=ProjectTo(width=view.width, height=view.height),
-        kinds=asked,
+        kinds=[kind for kind, style in styles.items() if style is not None],
         visible_only=True,
         ridge_deg=lines.ridge_deg,
         valley_deg=lines.valley_deg,
