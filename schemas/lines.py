@@ -97,7 +97,7 @@ class Stroke(_Part):
     @model_validator(mode="after")
     def _paired(self) -> Self:
         if self.dash is not None and len(self.dash) % 2:
-            raise PydanticCustomError("unpaired_dash", "a dash has a gap after it: dash must have an even count of lengths")
+            raise PydanticCustomError("unpaired_dash", "a dash has a gap after it: an even count of lengths", {"field": "dash"})
         return self
 
 

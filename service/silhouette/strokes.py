@@ -57,6 +57,11 @@ def stroked_lines(
     return replace(styled, passes=(*found.passes, ("stroke", clock.ms())))
 
 
+def moved_px(stroke: Stroke | None) -> float:
+    """How far, at most, a stroke's points are from the line it is of, pixels."""
+    return 0.0 if stroke is None else THINNED_PX + stroke.wobble_px
+
+
 def stylised(lines: VectorLines, stroke: Stroke, depths: tuple[float, float], widths: F8) -> VectorLines:
     """Lines as a stroke has them. depths: nearest and farthest of the mesh. widths: (KINDS,) f8 pixels of visible lines."""
     keep = line_shapes.simplify(lines.points, lines.offsets, lines.closed, THINNED_PX)

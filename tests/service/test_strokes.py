@@ -221,14 +221,10 @@ def test_nearer_lines_are_wider():
     found = on_mesh(meshes.torus(), width_by="depth", least=0.1)
     order = np.argsort(found.depths)
     assert np.all(np.diff(found.widths[order]) <= 1e-9)
-    (nearest, farthest) = depth_range(*(lambda ready, view: (ready.positions, view))(*_torus()))
+    ready, frame = made(meshes.torus())
+    nearest, farthest = depth_range(ready.positions, resolve_camera(CORNER, frame, 300, 300))
     expected = 4.0 * (0.1 + 0.9 * (farthest - found.depths) / (farthest - nearest))
     assert np.abs(found.widths - np.clip(expected, 0.4, 4.0)).max() < 1e-6
-
-
-def _torus():
-    ready, frame = made(meshes.torus())
-    return ready, resolve_camera(CORNER, frame, 300, 300)
 
 
 def test_depths_are_those_of_the_mesh():
