@@ -77,7 +77,7 @@ class Stroke(_Part):
     """How lines change along themselves, as those of a hand do: width and opacity, dashes, and a wobble.
 
     By depth a line is strongest at the mesh's nearest depth in the view and weakest at its farthest; by curvature it is strongest where
-    it turns by 45 degrees or more within 24 pixels of the image, and weakest where it is straight; by angle it is strongest
+    it turns by 30 degrees or more within 24 pixels of the image, and weakest where it is straight; by angle it is strongest
     across the nib and weakest along it, as that of a broad pen.
     """
 

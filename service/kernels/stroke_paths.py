@@ -16,7 +16,7 @@ DEPTH, CURVATURE, ANGLE = 0, 1, 2
 """What strengths follow."""
 REACH_PX = 12.0
 """How far from a point on both sides its line's turn is looked at; less of a shorter line, which counts as much less curved."""
-FULL_TURN = 0.25 * math.pi
+FULL_TURN = math.pi / 6.0
 """The turn, radians, of what is most curved."""
 NIB_REACH_PX = 4.0
 """How far from a point on both sides the line's direction is looked at."""

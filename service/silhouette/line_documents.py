@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import orjson
 
-from schemas.conventions import F8
+from schemas.conventions import F8, I4
 from schemas.lines import LineKind
 from service.camera import View
+from service.silhouette.line_mesh import Flags
 from service.silhouette.lines import KINDS, VectorLines
 from service.silhouette.strokes import HIDDEN_OPACITY, HIDDEN_WIDTH, dashed, opacity_levels, outlines_of
 
@@ -89,7 +90,7 @@ def _paths(lines: VectorLines, kind: LineKind, width: float, *, hidden: bool) ->
     """Lines of one kind, all visible or all hidden: one path, or one for each level of opacity; filled where widths change."""
     filled, in_levels = lines.widths is not None, lines.opacities is not None
     own = HIDDEN_WIDTH * width if hidden else width
-    look = f' stroke-width="{own:g}"' if hidden else ""
+    look, gaps = f' stroke-width="{own:g}"' if hidden else "", ""
     if filled:
         look = f' stroke="none" fill="{LOOKS[kind][0]}"'
     if hidden:
@@ -97,24 +98,28 @@ def _paths(lines: VectorLines, kind: LineKind, width: float, *, hidden: bool) ->
         if filled or in_levels:
             lines = dashed(lines, dash)
         else:
-            look += f' stroke-dasharray="{dash[0]:g} {dash[1]:g}"'
+            gaps = f' stroke-dasharray="{dash[0]:g} {dash[1]:g}"'
     if not filled and lines.flat is not None and lines.flat.all():
         look += ' stroke-linecap="butt"'
     for opacity, level in opacity_levels(lines, HIDDEN_OPACITY if hidden and not in_levels else 1.0):
         blended = f' {"fill" if filled else "stroke"}-opacity="{opacity:.4g}"' if opacity < 1.0 else ""
-        yield f'<path class="{"hidden" if hidden else "visible"}"{look}{blended} d="'.encode()
+        yield f'<path class="{"hidden" if hidden else "visible"}"{look}{blended}{gaps} d="'.encode()
         if filled:
-            yield from (b"M" + _points(polygon) + b"Z" for polygon in outlines_of(level, own))
+            places, offsets = outlines_of(level, own)
+            yield _path(places, offsets, np.ones(len(offsets) - 1, np.bool_))
         else:
-            each = zip(level.polylines(), level.closed.tolist(), strict=True)
-            yield from (b"M" + _points(points) + (b"Z" if closed else b"") for points, closed in each)
+            yield _path(level.points, level.offsets, level.closed)
         yield b'"/>\n'
 
 
-def _points(points: F8) -> bytes:
-    """`x,y x,y ...`: the JSON of the array without its brackets."""
-    rounded = np.round(points, DRAWN_DIGITS) + 0.0
-    return orjson.dumps(rounded, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b" ")
+def _path(points: F8, offsets: I4, closed: Flags) -> bytes:
+    """`Mx,y x,y ...` of every polyline, with a `Z` if it is closed: the JSON of all points, rows of nulls standing for what is between."""
+    if not len(closed):
+        return b""
+    between = np.where(closed[:-1, None], np.nan, (np.nan, 0.0))
+    rows = np.insert(np.round(points, DRAWN_DIGITS) + 0.0, offsets[1:-1], between, axis=0)
+    text = orjson.dumps(rows, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b" ")
+    return b"M" + text.replace(b" null,null ", b"ZM").replace(b" null,0.0 ", b"M") + (b"Z" if closed[-1] else b"")
 
 
 def lines_dxf(lines: VectorLines, view: View) -> bytes:

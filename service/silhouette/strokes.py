@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -112,17 +111,20 @@ def opacity_levels(lines: VectorLines, opacity: float) -> Iterator[tuple[float, 
         yield over, lines if level == 0 else _at_least(lines, low + level * step)
 
 
-def outlines_of(lines: VectorLines, width: float) -> list[F8]:
-    """Closed polygons that, filled together by the nonzero rule, are the strokes. width: pixels, where the lines have no widths."""
-    _, corners, first = _sides(lines, width)
+def outlines_of(lines: VectorLines, width: float) -> tuple[F8, I4]:
+    """(places (k, 2) f8 pixels, offsets (q + 1,) i4) of closed polygons that, filled together by the nonzero rule, are the strokes.
+
+    width: pixels, where the lines have no widths. Polygon i is places[offsets[i]:offsets[i + 1]].
+    """
+    corners, first = _sides(lines, width)
     places, offsets = stroke_outlines.outlines(corners, first, lines.offsets, lines.closed)
-    return [places[a:b] for a, b in pairwise(offsets.tolist())]
+    return places, offsets
 
 
 def triangles_of(lines: VectorLines, width: float, depth: float) -> tuple[F4, I4]:
     """(vertices (v, 3) f4: x, y and depth, indices (3 t,) i4) of triangles that together are the strokes."""
-    points, corners, first = _sides(lines, width)
-    vertices, indices = stroke_outlines.triangles(points, corners, first, lines.offsets, lines.closed, depth)
+    corners, first = _sides(lines, width)
+    vertices, indices = stroke_outlines.triangles(lines.points, corners, first, lines.offsets, lines.closed, depth)
     return vertices, indices
 
 
@@ -188,9 +190,9 @@ def _visible_dashed(lines: VectorLines, pattern: F8) -> VectorLines:
     return _cut(both, np.concatenate([_rows(cut), _rows(hidden)])[rows], offsets, order.astype(np.int32), closed[order], visible[order])
 
 
-def _sides(lines: VectorLines, width: float) -> tuple[F8, F8, Array]:
-    """(points, corners, first) of `stroke_outlines.sides`."""
+def _sides(lines: VectorLines, width: float) -> tuple[F8, Array]:
+    """(corners, first) of `stroke_outlines.sides`."""
     radii = np.full(len(lines.points), 0.5 * width) if lines.widths is None else 0.5 * lines.widths
     flat = np.zeros(len(lines), np.bool_) if lines.flat is None else lines.flat
     corners, first = stroke_outlines.sides(lines.points, radii, lines.offsets, lines.closed, flat, ROUND_PX)
-    return lines.points, corners, first
+    return corners, first

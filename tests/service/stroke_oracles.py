@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
+
+
+def polygons_of(places, offsets):
+    """The polygons of outlines."""
+    return [places[a:b] for a, b in pairwise(offsets.tolist())]
 
 
 def winding(polygons, points):

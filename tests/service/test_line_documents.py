@@ -21,6 +21,7 @@ from service.silhouette.line_mesh import LineMesh
 from service.silhouette.lines import KINDS
 from service.silhouette.strokes import outlines_of
 from tests import meshes
+from tests.service.stroke_oracles import polygons_of
 from tests.service.test_lines import crossing_cubes, grid
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -219,7 +220,7 @@ def test_svg_of_strokes_is_filled_outlines_that_are_those_of_the_lines():
     (path,) = ElementTree.fromstring(silhouette_svg(described)).iter(SVG + "path")
     assert path.attrib["stroke"] == "none" and path.attrib["fill"] == "#111111" and "fill-opacity" not in path.attrib
     drawn = [np.array([p.split(",") for p in text.split(" ")], float) for text in re.findall(r"M([^MZ]*)Z", path.attrib["d"])]
-    expected = outlines_of(described.lines, 2.0)
+    expected = polygons_of(*outlines_of(described.lines, 2.0))
     assert [len(polygon) for polygon in drawn] == [len(polygon) for polygon in expected]
     assert max(np.abs(a - b).max() for a, b in zip(drawn, expected, strict=True)) <= 0.0051
 

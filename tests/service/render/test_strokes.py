@@ -16,7 +16,7 @@ from service.silhouette.lines import KINDS
 from service.silhouette.strokes import outlines_of, stroked_lines
 from tests.service.render.conftest import VIEWS
 from tests.service.render.made import bare, unclippable
-from tests.service.stroke_oracles import winding
+from tests.service.stroke_oracles import polygons_of, winding
 
 SIDE = 128
 
@@ -59,7 +59,7 @@ STROKES = (
 def test_what_is_drawn_is_the_area_of_the_outlines(picture, name, view, stroke):
     asset, width = bare(name), 6.0
     alpha = picture(asset, VIEWS[view], silhouette={"width": width}, stroke=stroke).pixels[:, :, 3] / 255.0
-    polygons = outlines_of(strokes_of(asset, VIEWS[view], stroke, width, [LineKind.SILHOUETTE]), width)
+    polygons = polygons_of(*outlines_of(strokes_of(asset, VIEWS[view], stroke, width, [LineKind.SILHOUETTE]), width))
     at = (np.arange(4 * SIDE) + 0.5) / 4.0
     x, y = np.meshgrid(at, at)
     filled = winding(polygons, np.column_stack([x.ravel(), y.ravel()])) != 0
