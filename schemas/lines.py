@@ -69,7 +69,7 @@ class Pull(_Part):
 
 StrokeBy = Literal["depth", "curvature", "angle"]
 MOST_DASHES = 16
-SHORTEST_DASH_PX, LONGEST_DASH_PX = 0.5, 1000.0
+SHORTEST_DASH_PX, LONGEST_DASH_PX = 1.0, 1000.0
 DashLength = Annotated[FiniteFloat, Field(ge=SHORTEST_DASH_PX, le=LONGEST_DASH_PX)]
 
 

@@ -31,8 +31,8 @@ FOLLOWS: dict[StrokeBy, int] = {
 }
 THINNED_PX = 0.1
 """Points so near to the line without them are left out before anything else."""
-STEP_PX = 2.0
-"""Between two points of a stroke, at most."""
+STEP_PX, STEPS_A_SWAY = 2.0, 8.0
+"""Pixels between two points of a stroke, at most; steps from one sway of its wobble to the next, at least."""
 ROUND_PX = 0.1
 """How far chords may be off round ends and joins."""
 HIDDEN_WIDTH, HIDDEN_OPACITY = 0.6, 0.55
@@ -65,9 +65,8 @@ def stylised(lines: VectorLines, stroke: Stroke, depths: tuple[float, float], wi
     """Lines as a stroke has them. depths: nearest and farthest of the mesh. widths: (KINDS,) f8 pixels of visible lines."""
     keep = line_shapes.simplify(lines.points, lines.offsets, lines.closed, THINNED_PX)
     counts = np.concatenate([[0], np.cumsum(keep)]).astype(np.int32)
-    places, at, offsets, lengths = stroke_paths.resample(
-        lines.points[keep], lines.depths[keep], counts[lines.offsets], lines.closed, STEP_PX
-    )
+    step = STEP_PX if stroke.wobble_px == 0.0 else min(STEP_PX, stroke.wobble_length_px / STEPS_A_SWAY)
+    places, at, offsets, lengths = stroke_paths.resample(lines.points[keep], lines.depths[keep], counts[lines.offsets], lines.closed, step)
     along = (places, at, offsets, lines.closed, lengths, *depths, math.radians(stroke.nib_deg))
     sizes = np.diff(offsets)
     width, opacity = widths[lines.kinds], np.where(lines.visible, 1.0, HIDDEN_OPACITY)
@@ -130,8 +129,8 @@ def triangles_of(lines: VectorLines, width: float, depth: float) -> tuple[F4, I4
 
 def depth_range(positions: F4, view: View) -> tuple[float, float]:
     """(nearest, farthest) depth of vertices (v, 3) f4 that are before the eye, along the axis of the view, normalised units."""
-    depths = -(positions @ view.view[2, :3].astype(np.float32)) - np.float32(view.view[2, 3])
-    nearest, farthest = float(depths.min()), float(depths.max())
+    along, shift = positions @ view.view[2, :3].astype(np.float32), float(view.view[2, 3])
+    nearest, farthest = -float(along.max()) - shift, -float(along.min()) - shift
     return (nearest if view.orthographic else max(nearest, EYE_PLANE)), farthest
 
 
