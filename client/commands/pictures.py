@@ -25,7 +25,7 @@ from client.commands.viewing import (
     sides_of,
     stroke_of,
 )
-from schemas.lines import LineMethod
+from schemas.lines import LineKind, LineMethod
 from schemas.render import Antialias, Fill, ImageFormat, ShadingMode, Source
 
 IMAGE_SUFFIXES = {
@@ -138,6 +138,7 @@ def silhouette(  # noqa: PLR0913 - as above
     angle: Annotated[float, typer.Option(help="Degrees by which faces turn at a ridge, valley or crease, at least.")] = 60.0,
     simplify_px: Annotated[float | None, typer.Option(help="Leave out points of lines that are so near to what remains.")] = None,
     smooth_px: Annotated[float | None, typer.Option(help="Round corners of lines, at most so far from where they are.")] = None,
+    line_width: Annotated[float | None, typer.Option(help="Pixels, of all lines of a drawing.")] = None,
     stroke: StrokeFields = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
@@ -148,7 +149,7 @@ def silhouette(  # noqa: PLR0913 - as above
 
     `silhouette silhouette part.stl -o part.dxf --visible-only --kinds silhouette,ridge,valley --angle 30`
 
-    `silhouette silhouette bunny.ply -o sketch.svg --visible-only --smooth-px 0.5 --stroke width_by=depth --stroke wobble_px=2`
+    `silhouette silhouette bunny.ply -o sketch.svg --visible-only --line-width 5 --stroke width_by=depth --stroke wobble_px=2`
 
     `silhouette silhouette 3f2a91 -o - | jq .edge_count`
     """
@@ -163,7 +164,7 @@ def silhouette(  # noqa: PLR0913 - as above
     }
     fields |= {"kinds": None if kinds is None else kinds.split(","), "visible_only": visible_only}
     fields |= {"ridge_deg": angle, "valley_deg": angle, "crease_deg": angle, "simplify_px": simplify_px, "smooth_px": smooth_px}
-    fields["stroke"] = stroke_of(stroke)
+    fields |= {"line_width": {} if line_width is None else dict.fromkeys(LineKind, line_width), "stroke": stroke_of(stroke)}
     if once:
         with unkept(url, mesh) as (client, path):
             body = client.silhouette_once(path, form, **fields)

@@ -80,9 +80,9 @@ def test_strokes_in_a_picture_and_in_a_drawing(service, knot, tmp_path):
     run = silhouette("render", knot.id, "-o", tmp_path / "k.png", "--lines", "strokes", *stroke, "--size", 96, url=service.url)
     assert run.returncode == 0, run.stderr
     assert b"vector_lines" in run.stderr + run.stdout
-    drawn = silhouette("silhouette", knot.id, "-o", tmp_path / "k.svg", "--visible-only", *stroke, url=service.url)
+    drawn = silhouette("silhouette", knot.id, "-o", tmp_path / "k.svg", "--visible-only", "--line-width", 7, *stroke, url=service.url)
     assert drawn.returncode == 0, drawn.stderr
-    assert 'stroke="none"' in (tmp_path / "k.svg").read_text()
+    assert all(f'{name}="{value}"' in (tmp_path / "k.svg").read_text() for name, value in (("stroke", "none"), ("stroke-width", 7)))
     for wrong, says in ((("--stroke", "wobble_px=2"), b"--lines strokes"), (("--lines", "strokes", "--stroke", "wavy"), b"--stroke takes")):
         refused = silhouette("render", knot.id, "-o", tmp_path / "k.png", *wrong, url=service.url)
         assert refused.returncode != 0 and says in refused.stderr
