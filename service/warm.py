@@ -25,7 +25,7 @@ from schemas import artifacts
 from schemas.artifacts import Layout
 from schemas.conventions import Array
 from schemas.errors import SilhouetteError
-from schemas.lines import LineKind, LineMethod, Lines
+from schemas.lines import LineKind, LineMethod, Lines, Stroke
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability
 from schemas.render import (
@@ -143,6 +143,8 @@ def _describe_lines(asset: MeshAsset) -> None:
             described = describe_silhouette(asset, wanted)
             for write in (silhouette_json, silhouette_svg, silhouette_binary, silhouette_dxf):
                 write(described)
+    stroke = Stroke(width_by="angle", opacity_by="curvature", dash=[6.0, 4.0], wobble_px=2.0)
+    silhouette_svg(describe_silhouette(asset, SilhouetteRequest(project=ProjectTo(), kinds=list(LineKind), stroke=stroke)))
 
 
 def _extract_together(asset: MeshAsset) -> None:
@@ -170,6 +172,7 @@ def _line_requests() -> Iterator[RenderRequest]:
         {"method": "translated", "orientation": "any"},
         {"method": "wireframe", **sharp},
         {"method": "fattened", "charcoal": True},
+        {"method": "strokes", "stroke": {"opacity_by": "depth"}},
     ):
         yield RenderRequest(width=SIDE_PX, height=SIDE_PX, lines=Lines.model_validate(lines))
 

@@ -14,7 +14,7 @@ import numpy as np
 from geometry.tile_layout import TileLayout
 from geometry.topology import build_edges
 from schemas.conventions import F4, I4, Array, Frame
-from schemas.lines import LineMethod, Lines, LineStyle
+from schemas.lines import LineMethod, Lines, LineStyle, Stroke
 from schemas.mesh import Capability
 from schemas.render import Accuracy, RenderRequest, Source
 from service.assets import MeshAsset
@@ -29,7 +29,11 @@ Submit = Callable[[MeshAsset, RenderRequest], Future[RenderedImage]]
 SPHERES = ((3, 2), (6, 3))
 """How often the faces of an octahedron are split in four, for the mesh and for its hull."""
 SIDES_PX = (96, 400)
-LINES = (Lines(method=LineMethod.FATTENED, charcoal=True, orientation="any", ridge=LineStyle(), ridge_deg=0.1), Lines())
+LINES = (
+    Lines(method=LineMethod.FATTENED, charcoal=True, orientation="any", ridge=LineStyle(), ridge_deg=0.1),
+    Lines(method=LineMethod.STROKES, stroke=Stroke(width_by="depth")),
+    Lines(),
+)
 """Have all passes that lines can have between them."""
 FRAMES = 2
 """Timed ones of each kind, after one that is not."""

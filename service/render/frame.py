@@ -36,7 +36,9 @@ from service.render.passes.rim import draw_rim
 from service.render.passes.segments import project_segments
 from service.render.passes.smooth import smooth_outline
 from service.render.passes.stencil import count_windings
+from service.render.passes.strokes import draw_vector_strokes
 from service.render.passes.surface import draw_surface
+from service.render.passes.vector_lines import find_vector_lines
 from service.render.plan import Plan, plan_frame
 from service.render.state import FrameState, Gpu, parse_color
 from service.silhouette.levels import LevelInView
@@ -69,11 +71,13 @@ FRAME = (
     Pass("stencil", count_windings, each_tile=True, draws=True),
     Pass("surface", draw_surface, each_tile=True, draws=True),
     Pass("line_faces", find_line_faces, each_tile=True, meanwhile=True),
+    Pass("vector_lines", find_vector_lines, each_tile=True, meanwhile=True),
     Pass("line_strokes", make_line_strokes, each_tile=True, meanwhile=True),
     Pass("charcoal", draw_charcoal, each_tile=True, draws=True),
     Pass("lines_back", draw_lines_back, each_tile=True, draws=True),
     Pass("line_edges", draw_line_edges, each_tile=True, draws=True),
     Pass("edge_mesh", draw_edge_mesh, each_tile=True, draws=True),
+    Pass("strokes", draw_vector_strokes, each_tile=True, draws=True),
     Pass("rim", draw_rim, each_tile=True, draws=True),
     Pass("interior", fill_interior, each_tile=True, draws=True),
     Pass("outline", draw_outline, each_tile=True, draws=True),

@@ -18,6 +18,7 @@ from service.routes.documented import problems, silhouette_answer
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_dxf, silhouette_json, silhouette_svg
 from service.silhouette.levels import rounded_up
+from service.silhouette.strokes import moved_px
 from service.state import Parts, Services
 from service.view_query import SilhouetteQuery, query_names
 from service.waiting import Stopwatch, wait_for
@@ -88,6 +89,7 @@ def document_of(asset: MeshAsset, wanted: SilhouetteRequest, media: str) -> tupl
     accuracy = f"surface_faces={described.faces}; error_px={'0' if level is None else rounded_up(level.error_px)}"
     passes = [] if described.lines is None else list(described.lines.passes)
     if described.lines is not None:
-        accuracy += f"; line_error_px={rounded_up((wanted.simplify_px or 0.0) + (wanted.smooth_px or 0.0))}"
+        moved = (wanted.simplify_px or 0.0) + (wanted.smooth_px or 0.0) + moved_px(wanted.stroke)
+        accuracy += f"; line_error_px={rounded_up(moved)}"
     extract = ("extract", extract_ms - sum(ms for _, ms in passes))
     return body, [extract, *passes, ("write", clock.ms() - extract_ms)], accuracy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -20,11 +21,13 @@ from service.kernels.contours import compact
 from service.silhouette.contours import Contours, link_contours
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import LevelInView, SilhouetteLevel, choose_level
+from service.silhouette.line_documents import drawn_widths
 from service.silhouette.line_mesh import LineMesh
 from service.silhouette.lines import VectorLines, vector_lines
 from service.silhouette.outline import Outline, outline_of
 from service.silhouette.project import pixel_matrix, project_edges, surrounding_layers
 from service.silhouette.smooth import SmoothSurface, smooth_outline
+from service.silhouette.strokes import stroked_lines
 
 UNSEEN = ProjectTo()
 """Image of a request that names none: a fitted eye depends on its shape."""
@@ -136,7 +139,7 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
         faces=len(source.faces if level is None else level.level.faces),
         level=level,
         curves=outline.curves() if request.smooth and outline is not None else None,
-        lines=vector_lines(source.line_mesh, view, request) if request.wants_lines else None,
+        lines=_lines(source, view, request) if request.wants_lines else None,
         line_widths=request.line_width,
     )
 
@@ -150,6 +153,8 @@ def _check(request: SilhouetteRequest) -> None:
         raise InvalidRequestError("a smooth outline is meant to leave the mesh's, so no error can be asked of it", field="max_error_px")
     if request.wants_lines:
         _check_lines(request)
+    elif request.stroke is not None:
+        raise InvalidRequestError("a stroke is how lines look: kinds must say which", field="stroke")
 
 
 def _check_lines(request: SilhouetteRequest) -> None:
@@ -160,6 +165,13 @@ def _check_lines(request: SilhouetteRequest) -> None:
         raise InvalidRequestError("lines are those of the mesh, not of a smooth surface: smooth_px rounds their corners", field="smooth")
     if request.max_error_px is not None:
         raise InvalidRequestError("lines are those of the mesh itself: no coarser surface stands for it", field="max_error_px")
+
+
+def _lines(source: Source, view: View, request: SilhouetteRequest) -> VectorLines:
+    stroke = request.stroke
+    if stroke is None:
+        return vector_lines(source.line_mesh, view, request)
+    return stroked_lines(source.line_mesh, view, request, stroke, drawn_widths(request.line_width), math.ceil(stroke.wobble_px))
 
 
 def _is_closed(source: Source) -> bool:

@@ -101,8 +101,8 @@ def test_every_pass_is_in_some_plan_and_every_plan_in_the_frame():
         for s in ("auto", "original")
         for name in plan(mode=mode, antialias=a, source=s).passes
     }
-    drawn = {"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}
-    assert used | plan(smooth=True).passes | plan(lines=drawn).passes | plan(lines={}).passes == set(names)
+    lined = ({"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}, {"method": "strokes"}, {})
+    assert used.union(plan(smooth=True).passes, *(plan(lines=lines).passes for lines in lined)) == set(names)
 
 
 def test_clipping_can_be_insisted_on():
