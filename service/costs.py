@@ -31,6 +31,7 @@ TERMS_OF: dict[str, tuple[str, ...]] = {
     "loops": (FIXED, EDGES),
     "segments": (FIXED, EDGES),
     "hull": (FIXED, FACES),
+    "deform": (FIXED, FACES),
     "first_layer": (FIXED, FACES, SAMPLES),
     "line_faces": (FIXED, FACES),
     "line_strokes": (FIXED, FACES),
@@ -70,6 +71,7 @@ NOMINAL: dict[str, dict[str, float]] = {
     "loops": {FIXED: 0.015, EDGES: 6.8e-5},
     "segments": {FIXED: 0.028, EDGES: 6.1e-5},
     "hull": {FIXED: 0.026, FACES: 5.6e-5},
+    "deform": {FIXED: 0.1, FACES: 2.5e-5},
     "first_layer": {FIXED: 0.3, FACES: 1.6e-4, SAMPLES: 8e-6},
     "line_faces": {FIXED: 0.03, FACES: 7e-6},
     "line_strokes": {FIXED: 0.05, FACES: 7e-6},
@@ -152,10 +154,11 @@ class CostModel:
 
     def of(self, asset: MeshAsset) -> _MeshCosts:
         """The costs of a mesh."""
-        kept = self._meshes.get(asset.id)
+        name = asset.id if asset.base is None else f"{asset.base.id} moved"
+        kept = self._meshes.get(name)
         if kept is None or kept.table is not asset.rungs:
             kept = self._new(asset, kept)
-            self._meshes[asset.id] = kept
+            self._meshes[name] = kept
             while len(self._meshes) > MESHES_KEPT:
                 self._meshes.popitem(last=False)
         return kept
@@ -235,7 +238,8 @@ class CostModel:
         outline = 1.0 if rung.level is None else math.sqrt(len(asset.levels[rung.level].faces) / max(1, len(asset.faces)))
         row = np.zeros(TERMS)
         for name in passes:
-            c = self._coefficients.get(kind_of(rung.source, rung.antialias, name), {})
+            kind = kind_of(rung.source, rung.antialias, name)
+            c = self._coefficients.get(kind, NOMINAL.get(kind, {}))  # nominal where calibration draws none of it
             row[0] += c.get(FIXED, 0.0) + c.get(FACES, 0.0) * faces
             row[1] += c.get(EDGES, 0.0) * outline
             row[2] += c.get(AREA, 0.0) + c.get(SAMPLES, 0.0) * GRID.get(rung.antialias, 1) ** 2

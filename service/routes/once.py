@@ -14,8 +14,6 @@ from service.caching import NOT_KEPT
 from service.negotiation import IMAGE_TYPES, choose, image_format
 from service.once import OneMesh, mesh_of
 from service.render.encode import encode
-from service.render.frame import RenderedImage, render_frame
-from service.render.state import Gpu
 from service.routes.documented import image_answer, once_body, problems, silhouette_answer
 from service.routes.render import picture_headers
 from service.routes.silhouette import WRITERS, completed, document_of
@@ -69,7 +67,7 @@ async def render_once(view: Annotated[OnceRenderQuery, Query()], request: Reques
     async with mesh_of(request, parts, _beside(view)) as mesh:
         wanted = _wanted(RenderRequest, mesh, view, by_query)
         wanted = wanted if wanted.format else wanted.model_copy(update={"format": by_query.format})
-        image = await wait_for(request, parts.renderer.submit_drawing(_drawing(mesh, wanted)), parts.settings.render_timeout_s)
+        image = await wait_for(request, parts.renderer.submit_once(mesh.asset, wanted), parts.settings.render_timeout_s)
     clock = Stopwatch()
     encoding = wanted.format or ImageFormat.PNG
     body = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), parts.settings.render_timeout_s)
@@ -125,15 +123,3 @@ def _wanted(model: type[Wanted], mesh: OneMesh, view: RenderQuery | SilhouetteQu
 def _in_body(error: ValidationError) -> list[dict[str, Any]]:
     """Its faults, as those of a request's body."""
     return [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors()]
-
-
-def _drawing(mesh: OneMesh, wanted: RenderRequest) -> Any:
-    """Draws the mesh and takes it out of the GL again."""
-
-    def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
-        try:
-            return render_frame(gpu, mesh.asset, wanted, true_times=true_times)
-        finally:
-            gpu.cache.drop(mesh.asset.id)
-
-    return draw
