@@ -125,6 +125,8 @@ LEVEL_TREES = tuple(Layout(f"level_{k}_tree.safetensors", TREE.tensors, TREE.opt
 """Their search trees; edge_index is a row of the level's edges."""
 
 HULL_GLB = "hull.glb"
+ORIGINAL_GLB = "original.glb"
+"""Made from MESH when it is asked for."""
 NORMAL_PNG = "normal.png"
 COLOR_PNG = "color.png"
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.exceptions import RequestValidationError
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from schemas.errors import InvalidRequestError
 from schemas.render import ImageFormat, RenderRequest, Silhouette, SilhouetteRequest
 from service.caching import NOT_KEPT
+from service.forms import REQUEST, parsed
 from service.negotiation import IMAGE_TYPES, choose, image_format
 from service.once import OneMesh, mesh_of
 from service.render.encode import encode
@@ -26,7 +26,6 @@ router = APIRouter(prefix="/v1", tags=["one request"])
 Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
 Repair = Annotated[Literal["auto", "never"], Field(description="close small holes and orient faces, or take the mesh as it is")]
 Name = Annotated[str, Field(description="file name of a body that is no form; its ending says the format", examples=["knot.ply"])]
-FORM_FIELD = "request"
 OF_THE_MESH = {"name", "repair"}
 
 
@@ -101,25 +100,17 @@ async def _document(
 
 def _beside(view: RenderQuery | SilhouetteQuery) -> set[str]:
     """Fields that are not about reading the mesh: the sizes of a hull that is not made are among them."""
-    return set(type(view).model_fields) - OF_THE_MESH | {FORM_FIELD}
+    return set(type(view).model_fields) - OF_THE_MESH | {REQUEST}
 
 
 def _wanted(model: type[Wanted], mesh: OneMesh, view: RenderQuery | SilhouetteQuery, by_query: Wanted) -> Wanted:
     """The request in the form, or that of the query. Raises InvalidRequestError when there are both, RequestValidationError."""
     for name in mesh.upload.beside:
-        if name != FORM_FIELD:
-            raise InvalidRequestError(f"{name} belongs into the field `{FORM_FIELD}` of the form, or into the address.", field=name)
-    text = mesh.upload.beside.get(FORM_FIELD)
+        if name != REQUEST:
+            raise InvalidRequestError(f"{name} belongs into the field `{REQUEST}` of the form, or into the address.", field=name)
+    text = mesh.upload.beside.get(REQUEST)
     if text is None:
         return by_query
     if view.model_fields_set - OF_THE_MESH:
-        raise InvalidRequestError(f"The form has a `{FORM_FIELD}`, and the address says a view, too: one of them.", field=FORM_FIELD)
-    try:
-        return model.model_validate_json(text)
-    except ValidationError as error:
-        raise RequestValidationError(_in_body(error)) from error
-
-
-def _in_body(error: ValidationError) -> list[dict[str, Any]]:
-    """Its faults, as those of a request's body."""
-    return [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors()]
+        raise InvalidRequestError(f"The form has a `{REQUEST}`, and the address says a view, too: one of them.", field=REQUEST)
+    return parsed(model, text)

@@ -206,7 +206,10 @@ def test_a_mesh_at_one_point_is_nothing_and_no_error(gpu):
         (lambda v: v[:-1], "has 26 vertices, but there are positions of 25"),
         (lambda v: np.concatenate([v, v]), "positions of 52"),
         (lambda v: v[:, :2], "an array of"),
-        (lambda v: np.where(np.arange(26)[:, None] == 5, np.nan, v), "1 of 26 positions are not finite, the first of them that of vertex 5"),
+        (
+            lambda v: np.where(np.arange(26)[:, None] == 5, np.nan, v),
+            "1 of 26 positions are not finite, .* vertex 5",
+        ),
         (lambda v: np.where(np.arange(26)[:, None] > 20, np.inf, v), "5 of 26 positions are not finite"),
         (lambda v: v * 1e9, "farther than 1,000,000 radii"),
         (lambda v: v.astype(np.float64) * 1e308 * 1e10, "not finite"),
@@ -241,6 +244,7 @@ def test_plan_tells_of_the_move(gpu):
 def test_an_orbit_turns_about_the_mesh_at_rest(gpu):
     asset, vertices = read(meshes.sphere(2))
     orbit = OrbitCamera(orbit=Orbit(azimuth_deg=0.0, elevation_deg=0.0))
-    centre = [float(np.average(np.nonzero((p.pixels[:, :, 0] < 250).any(axis=0))[0])) for p in (
-        picture(gpu, asset, camera=orbit), picture(gpu, Moving(asset).at(vertices + [0.3, 0.0, 0.0]), camera=orbit))]  # fmt: skip
-    assert centre[1] - centre[0] > 8.0
+    beside = Moving(asset).at(vertices + np.array([0.3, 0.0, 0.0]))
+    columns = [(picture(gpu, one, camera=orbit).pixels[:, :, 0] < 250).any(axis=0) for one in (asset, beside)]
+    middles = [float(np.average(np.nonzero(column)[0])) for column in columns]
+    assert middles[1] - middles[0] > 8.0
