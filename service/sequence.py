@@ -130,9 +130,9 @@ class Drawing:
         return await admitted(partial(self._parts.cpu.submit, _moved, moving, self._poses[number], number), self._limit_s)
 
     async def _image(self, asset: MeshAsset, number: int) -> RenderedImage:
-        """A frame. That the renderer has no room is an answer to the first; the others wait until it has."""
-        submit = partial(self._parts.renderer.submit, asset, self._wanted.picture(number, self._count))
-        return await wait_for(self._request, await admitted(submit, self._limit_s) if number else submit(), self._limit_s)
+        """A frame. That the renderer has no room is an answer to the first one only."""
+        submit = self._parts.renderer.submit_further if number else self._parts.renderer.submit
+        return await wait_for(self._request, submit(asset, self._wanted.picture(number, self._count)), self._limit_s)
 
     async def _take(self, encoded: deque[Future[tuple[bytes, float]]]) -> None:
         picture, ms = await wait_for(self._request, encoded.popleft(), self._limit_s)

@@ -43,8 +43,9 @@ async def wait_for(request: Request, future: Future[T], timeout_s: float) -> T:
 
 
 async def admitted(submit: Callable[[], Future[T]], timeout_s: float) -> Future[T]:
-    """What `submit` queues, which is tried again as long as there is no room: for work that others wait behind only as long as for one
-    of its parts. Raises BusyError when there is none in time.
+    """What `submit` queues, which is tried again as long as there is no room: for a part of work that was admitted already.
+
+    Raises BusyError when there is none in time.
     """
     deadline = time.monotonic() + timeout_s
     while True:

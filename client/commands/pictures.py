@@ -10,7 +10,7 @@ import typer
 from client.api import DEFAULT_URL
 from client.commands.choosing import MeshArgument, Once, Url, chosen, unkept
 from client.commands.console import write
-from client.commands.viewing import Azimuth, Elevation, Eye, Fov, MaxError, Size, Smooth, Target, by_suffix, camera_of, sides_of
+from client.commands.viewing import Azimuth, Elevation, Eye, Fov, MaxError, Moved, Size, Smooth, Target, by_suffix, camera_of, sides_of
 from schemas.lines import LineMethod
 from schemas.render import Antialias, Fill, ImageFormat, ShadingMode, Source
 
@@ -49,6 +49,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     line_width: Annotated[float, typer.Option(help="Pixels.")] = 1.5,
     ridges: Annotated[bool, typer.Option("--ridges", help="Lines at sharp edges, too.")] = False,
     fill: Annotated[Fill, typer.Option(help="What lies under lines: the shaded surface, white, or nothing.")] = Fill.SHADED,
+    positions: Moved = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
 ) -> None:
@@ -86,12 +87,19 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
     }
     if once:
+        _unmoved(positions)
         with unkept(url, mesh) as (client, path):
             picture = client.picture_once(path, **fields)
     else:
         with chosen(url, mesh) as (client, mesh_id):
-            picture = client.picture(mesh_id, **fields)
+            picture = client.picture(mesh_id, positions=positions, **fields)
     write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
+
+
+def _unmoved(positions: Path | None) -> None:
+    """Raise ValueError for positions of a file that is not kept."""
+    if positions is not None:
+        raise ValueError("--positions moves a mesh that the service keeps; with --once, give the file as it is to be drawn")
 
 
 def lines_of(method: LineMethod, width: float, *, ridges: bool) -> dict[str, Any]:
@@ -119,6 +127,7 @@ def silhouette(  # noqa: PLR0913 - as above
     angle: Annotated[float, typer.Option(help="Degrees by which faces turn at a ridge, valley or crease, at least.")] = 60.0,
     simplify_px: Annotated[float | None, typer.Option(help="Leave out points of lines that are so near to what remains.")] = None,
     smooth_px: Annotated[float | None, typer.Option(help="Round corners of lines, at most so far from where they are.")] = None,
+    positions: Moved = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
 ) -> None:
@@ -142,9 +151,10 @@ def silhouette(  # noqa: PLR0913 - as above
     fields |= {"kinds": None if kinds is None else kinds.split(","), "visible_only": visible_only}
     fields |= {"ridge_deg": angle, "valley_deg": angle, "crease_deg": angle, "simplify_px": simplify_px, "smooth_px": smooth_px}
     if once:
+        _unmoved(positions)
         with unkept(url, mesh) as (client, path):
             body = client.silhouette_once(path, form, **fields)
     else:
         with chosen(url, mesh) as (client, mesh_id):
-            body = client.silhouette_document(mesh_id, form, **fields)
+            body = client.silhouette_document(mesh_id, form, positions=positions, **fields)
     write(output, body, f"{len(body) / 1024:.1f} KiB")

@@ -17,6 +17,12 @@ Smooth = Annotated[bool, typer.Option("--smooth", help="Curve the outline by the
 MaxError = Annotated[
     float | None, typer.Option(help="Pixels by which the outline may be off, which makes it faster; exact if not given.", min=0.0)
 ]
+Moved = Annotated[
+    Path | None,
+    typer.Option(
+        "--positions", metavar="FILE", exists=True, dir_okay=False, help="Move the vertices: .npy or bare float32; see `original`."
+    ),
+]
 Size = Annotated[str, typer.Option(metavar="WxH", help="Pixels, like 800x600, or one number for a square.")]
 
 

@@ -48,7 +48,7 @@ class Renderer:
 
     def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, true_times: bool = False) -> None:
         self._jobs: queue.SimpleQueue[_Job | _Forgotten | None] = queue.SimpleQueue()
-        self._depth = queue_depth
+        self._depth, self._waiting = queue_depth, 0
         self._cache_mib = gpu_cache_mib
         self._true_times = true_times
         self._thread: threading.Thread | None = None
@@ -95,15 +95,20 @@ class Renderer:
         """
         return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times))
 
-    def submit_drawing(self, draw: Draw) -> Future[RenderedImage]:
-        """The same for a picture of several frames."""
+    def submit_further(self, asset: MeshAsset, request: RenderRequest) -> Future[RenderedImage]:
+        """The same for a frame after one that was admitted and has been drawn: it waits for its turn behind however many wait."""
+        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), further=True)
+
+    def submit_drawing(self, draw: Draw, *, further: bool = False) -> Future[RenderedImage]:
+        """The same as `submit`, or `submit_further`, for a picture of several frames."""
         job = _Job(Future(), draw)
         with self._lock:
             if not self._open:
                 raise BusyError("the renderer is not running")
-            if self._jobs.qsize() >= self._depth:
+            if self._waiting >= self._depth and not further:
                 wait = max(LEAST_RETRY_S, self._typical_s * self._depth)
                 raise BusyError("too many pictures are waiting to be drawn", retry_after_s=wait)
+            self._waiting += 1
             self._jobs.put(job)
         return job.future
 
@@ -136,6 +141,8 @@ class Renderer:
             if isinstance(job, _Forgotten):
                 gpu.cache.drop(job.asset_id)
             else:
+                with self._lock:
+                    self._waiting -= 1
                 self._serve(gpu, job)
         gpu.release()
 

@@ -60,7 +60,7 @@ async def sequence(
     drawn = await Drawing(request, parts, asset, wanted, poses).frames(form)
     clock = Stopwatch()
     body = await wait_for(request, parts.cpu.submit(animation, drawn.pictures, form, wanted.fps, wanted.loop), limit_s)
-    told = picture_headers(drawn.summed, after=[("put_together", clock.ms())])
+    told = picture_headers(drawn.summed, after=[("write", clock.ms())])
     count = len(drawn.pictures)
     told |= {"Server-Timing": f'{told["Server-Timing"]}, frames;desc="{count}"', "X-Frames": str(count)}
     return Response(body, headers={"Cache-Control": NOT_KEPT, "Vary": "Accept", **told}, media_type=SEQUENCE_TYPES[form])
