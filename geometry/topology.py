@@ -93,19 +93,43 @@ def face_components(faces, vertex_count):
 
 def signed_volume(positions: np.ndarray, faces: np.ndarray) -> float:
     """Signed volume of a closed mesh, in float64, about its first vertex."""
-    p = np.asarray(positions, np.float64)
-    if not len(faces):
-        return 0.0
-    a, b, c = (p[faces[:, k]] - p[faces[0, 0]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+    return float(_six_volumes(np.ascontiguousarray(positions, np.float64), faces) / 6.0) if len(faces) else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _six_volumes(p, faces):
+    """Six times the sum of the tetrahedra from the first vertex to each face."""
+    total = 0.0
+    x, y, z = p[faces[0, 0]]
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, az = p[a, 0] - x, p[a, 1] - y, p[a, 2] - z
+        bx, by, bz = p[b, 0] - x, p[b, 1] - y, p[b, 2] - z
+        cx, cy, cz = p[c, 0] - x, p[c, 1] - y, p[c, 2] - z
+        total += ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    return total
 
 
 def face_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(f, 3) f8 unit outward normals; zero where the face has no area."""
-    p = np.asarray(positions, np.float64)
-    normal = np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+    return _face_normals(np.ascontiguousarray(positions, np.float64), faces)
+
+
+@njit(cache=True, nogil=True)
+def _face_normals(p, faces):
+    """The same of positions (v, 3) f8."""
+    out = np.empty((faces.shape[0], 3))
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
+        vx, vy, vz = p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            out[f, 0], out[f, 1], out[f, 2] = x / length, y / length, z / length
+        else:
+            out[f, 0], out[f, 1], out[f, 2] = 0.0, 0.0, 0.0
+    return out
 
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ class Moving:
         base = self.base
         placed = normalised(base, positions)
         normals = corner_normals(placed, base.faces, base.shading_faces, len(base.normals))
-        return replace(
+        moved = replace(
             base,
             id=self.id,
             positions=frozen(placed, np.float32),
@@ -59,6 +59,8 @@ class Moving:
             ladder=None,
             base=base,
         )
+        _ = moved.radius, moved.corners, moved.encloses  # what any picture asks for is worked out here, not by the renderer
+        return moved
 
 
 def normalised(base: MeshAsset, positions: Array) -> F4:
@@ -69,8 +71,9 @@ def normalised(base: MeshAsset, positions: Array) -> F4:
         raise InvalidRequestError(f"the mesh has {count:,} vertices, but there are positions of {given}", field=FIELD, vertices=count)
     with np.errstate(over="ignore", invalid="ignore"):
         placed = base.frame.to_normalised(positions)
-    _refuse(base, np.asarray(~np.isfinite(placed).all(axis=1)), "not finite")
-    _refuse(base, np.asarray((np.abs(placed) > FARTHEST_RADII).any(axis=1)), f"farther than {FARTHEST_RADII:,.0f} radii from the mesh")
+    if not np.abs(placed).max() <= FARTHEST_RADII:
+        _refuse(base, np.asarray(~np.isfinite(placed).all(axis=1)), "not finite")
+        _refuse(base, np.asarray((np.abs(placed) > FARTHEST_RADII).any(axis=1)), f"farther than {FARTHEST_RADII:,.0f} radii from the mesh")
     return placed.astype(np.float32)
 
 
