@@ -14,6 +14,8 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from schemas.artifacts import FILE_VERTEX
+
 Positions = npt.ArrayLike | Path
 """Of vertices, or of those of each frame: an array (v, 3) or (k, v, 3), or a file of it: .npy, or bare little-endian float32."""
 HEAD_BYTES, CHUNK_HEAD_BYTES = 12, 8
@@ -22,10 +24,27 @@ HEAD_BYTES, CHUNK_HEAD_BYTES = 12, 8
 
 @dataclass(frozen=True)
 class Original:
-    """A mesh as the service has it. positions: (v, 3) f8 model units. faces: (f, 3) i4."""
+    """A mesh as the service has it. positions: (v, 3) f8 model units. faces: (f, 3) i4. file_vertices: (v,) i8, the number of each vertex
+    in the file that was uploaded, -1 where it had none; None where the service does not know.
+    """
 
     positions: npt.NDArray[np.float64]
     faces: npt.NDArray[np.int32]
+    file_vertices: npt.NDArray[np.int64] | None = None
+
+    def ordered(self, positions: npt.ArrayLike) -> npt.NDArray[Any]:
+        """(..., v, 3): positions (..., n, 3) of the file's vertices as those of the mesh; what the file has not stays where it is.
+
+        Raises ValueError when the file's vertices are not known, or there are fewer positions than it has.
+        """
+        if self.file_vertices is None:
+            raise ValueError("the service does not know the vertices of the file; upload it again")
+        given = np.asarray(positions)
+        if given.ndim < 2 or given.shape[-1] != 3 or given.shape[-2] <= self.file_vertices.max(initial=-1):
+            needed = int(self.file_vertices.max(initial=-1)) + 1
+            raise ValueError(f"the file has at least {needed:,} vertices, but positions are an array of {given.shape}")
+        own = (self.file_vertices < 0)[:, None]
+        return np.where(own, self.positions.astype(given.dtype), given[..., self.file_vertices, :])
 
 
 def original_of(glb: bytes) -> Original:
@@ -40,7 +59,10 @@ def original_of(glb: bytes) -> Original:
     positions = _accessor(document, data, primitive["attributes"]["POSITION"], "<f4")
     faces = _accessor(document, data, primitive["indices"], "<u4")
     moved = positions.reshape(-1, 3).astype(np.float64) * np.array(node["scale"]) + np.array(node["translation"])
-    return Original(moved, faces.reshape(-1, 3).astype(np.int32))
+    numbers = None
+    if FILE_VERTEX in primitive["attributes"]:
+        numbers = _accessor(document, data, primitive["attributes"][FILE_VERTEX], "<f4").astype(np.int64)
+    return Original(moved, faces.reshape(-1, 3).astype(np.int32), numbers)
 
 
 def _accessor(document: dict[str, Any], data: bytes, number: int, dtype: str) -> npt.NDArray[Any]:

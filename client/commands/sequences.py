@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from client.api import DEFAULT_URL
@@ -12,6 +13,7 @@ from client.commands.choosing import MeshArgument, Url, chosen
 from client.commands.console import err, write
 from client.commands.pictures import lines_of
 from client.commands.viewing import Azimuth, Elevation, Eye, Fov, Moved, Size, Target, by_suffix, camera_of, sides_of
+from client.positions import Positions
 from schemas.lines import LineMethod
 from schemas.render import Fill, ShadingMode
 from schemas.sequence import SequenceFormat
@@ -56,10 +58,10 @@ def turntable(  # noqa: PLR0913 - the options of a command are its language
     fields = {
         "camera": camera_of(azimuth, elevation, None, None, fov),
         "turn": {"frames": frames, "degrees": degrees},
-        **_look(background, shading, fill),
+        **_common(size, fps, background, shading, fill),
         "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges),
     }
-    _draw(url, mesh, output, size, fps, fields)
+    _draw(url, mesh, output, fields)
 
 
 def frames(  # noqa: PLR0913 - as above
@@ -67,6 +69,9 @@ def frames(  # noqa: PLR0913 - as above
     *,
     output: Output,
     positions: Moved = None,
+    file_order: Annotated[
+        bool, typer.Option("--file-order", help="The positions, an .npy, are in the order of the file that was uploaded.")
+    ] = False,
     turn: Annotated[float | None, typer.Option(help="Degrees that the camera turns meanwhile.")] = None,
     fps: Fps = 25.0,
     azimuth: Azimuth = 30.0,
@@ -88,24 +93,32 @@ def frames(  # noqa: PLR0913 - as above
     `silhouette original 3f2a91 -o rest.npy` has the vertices to be moved; an .npy of (frames, vertices, 3) moves them:
 
     `silhouette frames 3f2a91 --positions moved.npy -o moved.webp --fps 30 --lines edge_mesh --ridges`
+
+    With `--file-order` it has the vertices of the file that was uploaded, in their order.
     """
+    if file_order and positions is None:
+        raise ValueError("--file-order is about --positions")
     fields = {
         "camera": camera_of(azimuth, elevation, eye, target, fov),
         "turn": None if turn is None else {"degrees": turn},
-        **_look(background, shading, fill),
+        **_common(size, fps, background, shading, fill),
         "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges),
     }
-    _draw(url, mesh, output, size, fps, fields, positions)
+    _draw(url, mesh, output, fields, positions, file_order=file_order)
 
 
-def _look(background: str, shading: ShadingMode, fill: Fill) -> dict[str, Any]:
-    return {"background": background, "shading": {"mode": shading, "fill": fill}}
-
-
-def _draw(url: str, mesh: str, output: Path, size: str, fps: float, fields: dict[str, Any], positions: Path | None = None) -> None:
-    """Have it drawn, and write it."""
+def _common(size: str, fps: float, background: str, shading: ShadingMode, fill: Fill) -> dict[str, Any]:
+    """Fields that both commands fill. Raises ValueError for a size that is none."""
     width, height = sides_of(size)
+    return {"width": width, "height": height, "fps": fps, "background": background, "shading": {"mode": shading, "fill": fill}}
+
+
+def _draw(url: str, mesh: str, output: Path, fields: dict[str, Any], positions: Path | None = None, *, file_order: bool = False) -> None:
+    """Have it drawn, and write it."""
     form = by_suffix(output, SUFFIXES, SequenceFormat.WEBP)
     with chosen(url, mesh) as (client, mesh_id), err.status("frames are being drawn"):
-        film = client.frames(mesh_id, positions=positions, width=width, height=height, fps=fps, format=form, **fields)
+        moved: Positions | None = positions
+        if file_order and positions is not None:
+            moved = client.original(mesh_id).ordered(np.load(positions, allow_pickle=False))
+        film = client.frames(mesh_id, positions=moved, format=form, **fields)
     write(output, film.body, f"{film.frame_ms:.0f} ms, {len(film.body) / 1024:.0f} KiB: {film.plan} ({film.accuracy})")

@@ -1,5 +1,6 @@
 """Moving meshes and sequences by the client and by the command."""
 
+import io
 import zipfile
 
 import numpy as np
@@ -26,6 +27,23 @@ def test_the_original_is_the_mesh_that_was_uploaded(original, knot):
     assert len(original.positions) == knot.stats.vertices
     with pytest.raises(ValueError, match="no binary glTF"):
         original_of(bytes(100))
+
+
+def test_positions_in_the_order_of_the_file(client, knot, original, service, tmp_path):
+    vertices, _ = meshes.knot()
+    assert np.allclose(original.ordered(vertices), original.positions, atol=1e-6)
+    moved = bent(vertices)
+    assert np.allclose(original.ordered(np.stack([vertices, moved]))[1], bent(original.positions), atol=1e-5)
+    with pytest.raises(ValueError, match="at least 2,560 vertices"):
+        original.ordered(vertices[:-1])
+    np.save(tmp_path / "file.npy", np.stack([moved.astype(np.float32)] * 2))
+    options = ("--positions", tmp_path / "file.npy", "--file-order", "--size", 48)
+    run = silhouette("frames", knot.id, "-o", tmp_path / "f.zip", *options, url=service.url)
+    assert run.returncode == 0, run.stderr
+    alone = client.render(knot.id, positions=bent(original.positions), width=48, height=48)
+    with zipfile.ZipFile(tmp_path / "f.zip") as frames:
+        drawn, expected = (np.asarray(Image.open(io.BytesIO(body))).astype(int) for body in (frames.read("0001.png"), alone))
+    assert np.abs(drawn - expected).max() <= 24
 
 
 def test_pictures_and_silhouettes_of_arrays_and_of_files(client, knot, original, tmp_path):
