@@ -215,7 +215,7 @@ def test_a_mesh_at_one_point_is_nothing_and_no_error(gpu):
         (lambda v: v.astype(np.float64) * 1e308 * 1e10, "not finite"),
     ],
 )
-def test_positions_that_are_none_of_the_mesh_are_refused_with_their_number(spoil, says):
+def test_positions_that_cannot_be_used_are_refused(spoil, says):
     asset, vertices = read(meshes.cube(2))
     with pytest.raises(InvalidRequestError, match=says) as refused, np.errstate(over="ignore", invalid="ignore"):
         Moving(asset).at(spoil(vertices))
