@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from schemas.conventions import Frame
 from schemas.mesh import PreprocessOptions
 from tests import meshes
-from tests.worker.loading.test_repair import dented_block, voxels
-from worker.load import build
+from worker.load import _file_vertices, build
 from worker.loading.parsed import Parsed
+from worker.loading.surface import Surface
 
 
 def loaded(vertices, faces):
@@ -59,9 +60,13 @@ def test_bodies_that_are_cut_apart_where_they_touch_keep_their_own_vertices():
 
 
 def test_a_vertex_that_repair_makes_has_no_number():
-    vertices, faces = voxels(dented_block())
-    mesh = loaded(vertices, faces)
-    made = mesh.file_vertices < 0
-    known = {tuple(place) for place in mesh.frame.to_normalised(vertices).astype(np.float32).tolist()}
-    assert made.any(), "the edge where the dents meet is halved"
-    assert [tuple(place) not in known for place in mesh.positions.tolist()] == made.tolist()
+    vertices, faces = meshes.sphere(1)
+    frame = Frame.around(vertices)
+    placed = frame.to_normalised(vertices).astype(np.float32)
+    middle = (placed[faces[0, 0]] + placed[faces[0, 1]]) / 2
+    # the first face is halved: its corners and those of the middle's are where double_edges takes them from
+    parts = np.array([[faces[0, 0], len(placed), faces[0, 2]], [len(placed), faces[0, 1], faces[0, 2]]])
+    corners = np.concatenate([np.arange(3, faces.size).reshape(-1, 3), [[0, 0, 2], [0, 1, 2]]])
+    surface = Surface(np.concatenate([placed, [middle]]).astype(np.float32), np.concatenate([faces[1:], parts]).astype(np.int64), corners)
+    found = _file_vertices(Parsed(vertices, faces, {}), frame, surface)
+    assert found.tolist() == [*range(len(placed)), -1]
