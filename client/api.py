@@ -29,6 +29,8 @@ from schemas.render import ImageFormat
 from schemas.sequence import SequenceFormat
 
 DEFAULT_URL = "http://127.0.0.1:8000"
+SEQUENCE_TIMEOUT = httpx.Timeout(3600.0, connect=5.0)
+"""A sequence is answered when all of it is drawn."""
 CHUNK_BYTES = 1 << 18
 SILHOUETTE_TYPES = {"json": "application/json", "svg": "image/svg+xml", "binary": "application/octet-stream", "dxf": "image/vnd.dxf"}
 
@@ -139,7 +141,8 @@ class Client:
         """Pictures one after the other, an animated WebP unless `format` says otherwise; `fields` are those of
         `schemas.sequence.SequenceRequest`. positions: (k, v, 3) for k frames, or (v, 3) for all.
         """
-        return _picture(self._send_moved(f"/v1/meshes/{mesh_id}/frames", positions, {"format": SequenceFormat.WEBP, **fields}, {}))
+        fields = {"format": SequenceFormat.WEBP, **fields}
+        return _picture(self._send_moved(f"/v1/meshes/{mesh_id}/frames", positions, fields, {}, timeout=SEQUENCE_TIMEOUT))
 
     def original(self, mesh_id: str) -> Original:
         """The mesh's own vertices, in the order that `positions` come in, and faces."""
@@ -208,13 +211,15 @@ class Client:
             raise error_of(answer)
         return answer
 
-    def _send_moved(self, address: str, positions: Positions | None, fields: dict[str, Any], headers: dict[str, str]) -> httpx.Response:
+    def _send_moved(
+        self, address: str, positions: Positions | None, fields: dict[str, Any], headers: dict[str, str], **arguments: Any
+    ) -> httpx.Response:
         """Post a request, in a form with positions where there are any."""
         if positions is None:
-            return self._send("POST", address, json=_body(fields), headers=headers)
+            return self._send("POST", address, json=_body(fields), headers=headers, **arguments)
         request = (None, json.dumps(_body(fields)), "application/json")
         with opened(positions) as file:
-            return self._send("POST", address, files={"request": request, "positions": ("positions", file)}, headers=headers)
+            return self._send("POST", address, files={"request": request, "positions": ("positions", file)}, headers=headers, **arguments)
 
     def _send_file(
         self, address: str, path: str | Path, query: dict[str, str], fields: dict[str, Any], headers: dict[str, str]

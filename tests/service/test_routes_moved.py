@@ -142,6 +142,27 @@ def test_a_turntable_goes_round_in_time(http, knot, accept, kind):
     assert answer.headers["X-Accuracy"].startswith("rung=clipped/coverage; error_px=")
 
 
+def test_a_turntable_by_address_is_the_same_and_is_kept(http, knot):
+    params = {"frames": 5, "width": 60, "height": 50, "azimuth": 10, "lines": "edge_mesh", "fps": 10, "degrees": -180}
+    answer = http.get(f"/v1/meshes/{knot.id}/turntable.png", params=params)
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "image/apng")
+    body = {"camera": {"orbit": {"azimuth_deg": 10, "elevation_deg": 20}}, "width": 60, "height": 50, "lines": {}, "fps": 10}
+    same = http.post(f"/v1/meshes/{knot.id}/frames", json=body | {"turn": {"frames": 5, "degrees": -180}, "format": "apng"})
+    assert answer.content == same.content
+    known = {"If-None-Match": answer.headers["etag"]}
+    assert http.get(f"/v1/meshes/{knot.id}/turntable.png", params=params, headers=known).status_code == 304
+    assert http.get(f"/v1/meshes/{knot.id}/turntable.png", params=params | {"frames": 6}, headers=known).status_code == 200
+    assert http.get(f"/v1/meshes/{knot.id}/turntable.gif").status_code == 404
+    for wrong, field in (
+        ({"frames": 0}, "frames"),
+        ({"eye": "9,9,9"}, "eye"),
+        ({"fps": 1000}, "fps"),
+        ({"width": 8000, "height": 8000}, "frames"),
+    ):
+        refused = http.get(f"/v1/meshes/{knot.id}/turntable.webp", params=wrong)
+        assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, field)
+
+
 def test_cameras_of_their_own_and_moving_vertices_go_together(http, knot, places):
     cameras = [{"eye": [9.0, 6.0, 12.0 + step]} for step in range(3)]
     poses = np.stack([bent(places, 0.3 * step) for step in range(3)])
