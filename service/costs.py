@@ -238,8 +238,7 @@ class CostModel:
         outline = 1.0 if rung.level is None else math.sqrt(len(asset.levels[rung.level].faces) / max(1, len(asset.faces)))
         row = np.zeros(TERMS)
         for name in passes:
-            kind = kind_of(rung.source, rung.antialias, name)
-            c = self._coefficients.get(kind, NOMINAL.get(kind, {}))  # nominal where calibration draws none of it
+            c = self._coefficients.get(kind_of(rung.source, rung.antialias, name), {})
             row[0] += c.get(FIXED, 0.0) + c.get(FACES, 0.0) * faces
             row[1] += c.get(EDGES, 0.0) * outline
             row[2] += c.get(AREA, 0.0) + c.get(SAMPLES, 0.0) * GRID.get(rung.antialias, 1) ** 2
