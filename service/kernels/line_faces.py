@@ -110,16 +110,30 @@ def is_grazing(planes, positions, faces, f, eye, most_sine):
 
 
 @njit(cache=True, nogil=True)
-def choose_back(layer, touched, planes, positions, faces, eye, most_sine, chosen):
-    """Numbers of faces behind the nearest layer that adjoin it or are seen within most_sine of edge-on, into chosen; their count."""
-    count = 0
+def near_edge_on(planes, eye, most, near):
+    """Fill near (f,) u1: 1 where the eye (4,) f8 is within `most` of the plane of a face. Nothing but this in the loop, so that it is
+    vectorised."""
+    x, y, z, w, most = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2]), np.float32(eye[3]), np.float32(most)
+    for f in range(near.shape[0]):
+        near[f] = abs(planes.x[f] * x + planes.y[f] * y + planes.z[f] * z + planes.d[f] * w) <= most
+
+
+@njit(cache=True, nogil=True)
+def choose_back(layer, touched, near, planes, positions, faces, eye, most_sine, chosen):
+    """Numbers of faces behind the nearest layer that adjoin it or are seen within most_sine of edge-on, into chosen; their count.
+
+    near: `near_edge_on` of most_sine times the distance of the farthest point, beyond which no face is seen edge-on.
+    """
+    behind = 0
     for f in range(layer.shape[0]):
-        if layer[f]:
-            continue
+        chosen[behind] = f
+        behind += layer[f] == 0
+    count = 0
+    for i in range(behind):
+        f = chosen[i]
         adjoins = touched[faces[f, 0]] | touched[faces[f, 1]] | touched[faces[f, 2]]
-        if adjoins or is_grazing(planes, positions, faces, f, eye, most_sine):
-            chosen[count] = f
-            count += 1
+        chosen[count] = f
+        count += adjoins or (near[f] and is_grazing(planes, positions, faces, f, eye, most_sine))
     return count
 
 

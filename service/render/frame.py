@@ -48,12 +48,14 @@ Make = Callable[[FrameState], None]
 
 @dataclass(frozen=True)
 class Pass:
-    """A step of a frame. each_tile: once for every tile; otherwise once for the image. draws: by the GL."""
+    """A step of a frame. each_tile: once for every tile; otherwise once for the image. draws: by the GL. meanwhile: once for the image,
+    but in the first tile, while the GL draws what came before."""
 
     name: str
     make: Make
     each_tile: bool = False
     draws: bool = False
+    meanwhile: bool = False
 
 
 FRAME = (
@@ -65,11 +67,11 @@ FRAME = (
     Pass("hull", place_hull),
     Pass("deform", deform_mesh, draws=True),
     Pass("first_layer", find_first_layer, draws=True),
-    Pass("line_faces", find_line_faces),
-    Pass("line_strokes", make_line_strokes),
     Pass("clear", clear_target, each_tile=True, draws=True),
     Pass("stencil", count_windings, each_tile=True, draws=True),
     Pass("surface", draw_surface, each_tile=True, draws=True),
+    Pass("line_faces", find_line_faces, each_tile=True, meanwhile=True),
+    Pass("line_strokes", make_line_strokes, each_tile=True, meanwhile=True),
     Pass("charcoal", draw_charcoal, each_tile=True, draws=True),
     Pass("lines_back", draw_lines_back, each_tile=True, draws=True),
     Pass("line_edges", draw_line_edges, each_tile=True, draws=True),
@@ -200,10 +202,12 @@ def _draw(frame: FrameState, steps: list[Pass], times: Timed) -> None:
     if plan.on_cpu:
         times.add(draw_in_bands(frame))
         return
-    for tile in tiles_of(plan, frame.area):
+    for number, tile in enumerate(tiles_of(plan, frame.area)):
         frame.tile = tile
         for step in steps:
-            if step.each_tile:
+            if step.meanwhile and number == 0:
+                frame.gpu.gl.flush()
+            if step.each_tile and (number == 0 or not step.meanwhile):
                 times.run(step.name, step.make, frame, draws=step.draws)
     times.settle()
     frame.gpu.gl.check()

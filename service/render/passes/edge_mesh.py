@@ -9,7 +9,7 @@ ridge or valley by the angle between them. Departures:
 - Half of such a rectangle lies over the faces beside the edge, which are often nearer than the edge. Instead of a depth test of each
   pixel with some bias, all pixels of a line are hidden where the nearest point of its edge is: widths do not suffer, and a line
   behind a surface does not show through it by the bias.
-- Edges that folding hides behind their own faces are left out where no back face can be seen.
+- Edges of two back faces are left out where no back face can be seen.
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ from service.kernels.line_faces import (
     layer_by_facing,
     layer_by_sight,
     layer_edges,
+    near_edge_on,
     open_edges,
     touch,
 )
@@ -43,18 +44,27 @@ def find_line_faces(frame: FrameState) -> None:
     planes, positions, faces = surface.planes, surface.positions, surface.faces
     side = face_sides(planes, positions, faces, eye)
     small = math.inf if lines.method is LineMethod.TRANSLATED else SMALL
-    layer, chosen = _nearest_layer(frame, side, small), np.empty(len(faces), np.int32)
+    scratch = frame.gpu.scratch
+    layer, chosen = _nearest_layer(frame, side, small), np.asarray(scratch.array("chosen faces", (len(faces),), np.int32), np.int32)
     frame.layer = layer
     if lines.silhouette is not None and lines.method is LineMethod.TRANSLATED:
-        touched = np.empty(len(positions), np.uint8)
+        touched = scratch.array("touched vertices", (len(positions),), np.uint8)
+        near = scratch.array("near faces", (len(faces),), np.uint8)
         touch(layer, faces, surface.open_vertices, touched)
-        frame.back_faces = chosen[: choose_back(layer, touched, planes, positions, faces, eye, MOST_SINE, chosen)].copy()
+        near_edge_on(planes, eye, MOST_SINE * _farthest(frame), near)
+        frame.back_faces = chosen[: choose_back(layer, touched, near, planes, positions, faces, eye, MOST_SINE, chosen)].copy()
     elif lines.silhouette is not None:
         frame.line_ends["lines_back"] = _silhouette(surface, layer, side, int(lines.method is LineMethod.WIREFRAME))
     if lines.charcoal:
         grazing = chosen[: choose_grazing(layer, planes, positions, faces, eye, GRAZING, chosen)]
         frame.line_ends["charcoal"] = np.empty((3 * len(grazing), 4), np.int32)
         all_edges(grazing, side, faces, frame.line_ends["charcoal"])
+
+
+def _farthest(frame: FrameState) -> float:
+    """What no point of the mesh is farther from the eye than; 1 for directions, which have no distance."""
+    eye = frame.view.eye
+    return float(np.linalg.norm(eye[:3]) + frame.asset.radius) if eye[3] else 1.0
 
 
 def _nearest_layer(frame: FrameState, side: U1, small: float) -> U1:

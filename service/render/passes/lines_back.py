@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from schemas.conventions import I4
 from schemas.lines import LineMethod, Lines, LineStyle
+from service.kernels.sampled_faces import place_vertices, sampled_faces
 from service.render.passes.line_draw import draw_in_style, draw_strokes
 from service.render.passes.line_strokes import DEFAULT_PULL, pull_of
 from service.render.passes.surface import surface_of
@@ -32,13 +34,14 @@ def draw_lines_back(frame: FrameState) -> None:
 
 
 def _draw_pulled(frame: FrameState, lines: Lines, style: LineStyle) -> None:
-    if not len(frame.back_faces):
+    chosen = _sampled(frame)
+    if not len(chosen):
         return
     gpu, surface = frame.gpu, surface_of(frame)
     program = gpu.programs.get("pulled", "line")
-    rows = frame.asset.shading_faces[frame.back_faces]
+    rows = frame.asset.shading_faces[chosen]
     if surface.indices is None:
-        rows = (3 * frame.back_faces[:, None] + np.arange(3, dtype=np.int32)).astype(np.int32)
+        rows = (3 * chosen[:, None] + np.arange(3, dtype=np.int32)).astype(np.int32)
     array = surface.some_faces(gpu.gl, program, np.ascontiguousarray(rows, np.int32))
     by_slope = lines.pull.by == "offset"
 
@@ -56,3 +59,17 @@ def _draw_pulled(frame: FrameState, lines: Lines, style: LineStyle) -> None:
     if by_slope:
         gpu.ctx.polygon_offset = (0.0, 0.0)
         gpu.ctx.disable_direct(POLYGON_OFFSET_FILL)
+
+
+def _sampled(frame: FrameState) -> I4:
+    """(n,) i4: those of the faces behind that can be seen in the tile; all of them where pixels have more samples."""
+    tile, scale, asset = frame.tile, float(frame.scale), frame.asset
+    if frame.target is None or frame.target.samples:
+        return frame.back_faces
+    matrix = frame.view.pixels.copy()
+    matrix[0] = scale * (matrix[0] - tile.x * matrix[3])
+    matrix[1] = scale * (matrix[1] - tile.y * matrix[3])
+    placed = frame.gpu.scratch.array("placed", (2, len(asset.positions)), np.float32)
+    place_vertices(matrix, asset.positions, placed)
+    size, kept = np.array([scale * tile.width, scale * tile.height], np.float32), np.empty_like(frame.back_faces)
+    return kept[: sampled_faces(placed, size, asset.faces, frame.back_faces, kept)]
