@@ -164,8 +164,8 @@ class ImageFormat(StrEnum):
     RAW = "raw"
 
 
-class RenderRequest(_Request):
-    """One picture."""
+class PictureRequest(_Request):
+    """What a picture shows and how, whatever it is encoded as."""
 
     camera: AnyCamera = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
     width: int = Field(512, ge=1, le=MAX_SIDE_PX)
@@ -174,6 +174,11 @@ class RenderRequest(_Request):
     shading: Shading = Shading()
     accuracy: Accuracy = Accuracy()
     lines: Lines | None = Field(None, description="lines in the picture, which then is drawn from the original mesh")
+
+
+class RenderRequest(PictureRequest):
+    """One picture."""
+
     format: ImageFormat | None = Field(None, description="overrides the Accept header")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import re
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
@@ -13,6 +14,7 @@ from importlib.metadata import version
 import redis
 from anyio import to_thread
 from fastapi import FastAPI
+from starlette.types import Scope
 
 from backend import once, records
 from backend.queue import JobQueue
@@ -20,11 +22,12 @@ from schemas.errors import SilhouetteError
 from service import errors
 from service.assets import AssetCache
 from service.body_limit import BodyLimit
+from service.forms import is_form
 from service.head import HeadAsGet
 from service.meshes import Meshes
 from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
-from service.routes import accuracy, artifacts, docs, health, meshes, page, render, scenes, silhouette
+from service.routes import accuracy, artifacts, docs, frames, health, meshes, moved, page, render, scenes, silhouette
 from service.routes import once as one_request
 from service.settings import ServiceSettings
 from service.slots import Slots
@@ -33,10 +36,13 @@ from service.warm import warm_in_background
 
 log = logging.getLogger("silhouette.service")
 
-ROUTES = (page, docs, meshes, render, scenes, silhouette, one_request, accuracy, artifacts, health)
+ROUTES = (page, docs, meshes, moved, render, frames, scenes, silhouette, one_request, accuracy, artifacts, health)
+"""In the order in which they are tried: forms at addresses that take JSON too come first."""
 
 MESH_BODIES = frozenset({"/v1/meshes", "/v1/render", "/v1/silhouette"})
 """Addresses that take a mesh, and count its bytes themselves."""
+MOVED_BODIES = re.compile(r"/v1/meshes/[^/]+/(render|silhouette|frames)")
+"""Those that take positions in a form, and count them likewise."""
 
 DESCRIPTION = """Upload a heavy mesh once; from then on get any view in milliseconds, without a GPU, with an outline that is exactly
 the original's although only a coarse hull is drawn, or the silhouette itself as JSON or SVG."""
@@ -75,11 +81,17 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
     )
     errors.install(app)
-    app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=MESH_BODIES)
+    app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=counts_itself)
     app.add_middleware(HeadAsGet)
     for module in ROUTES:
         app.include_router(module.router)
     return app
+
+
+def counts_itself(scope: Scope) -> bool:
+    """Whether what answers a request bounds its body."""
+    path = scope["path"]
+    return path in MESH_BODIES or (is_form(scope) and MOVED_BODIES.fullmatch(path) is not None)
 
 
 def _open(settings: ServiceSettings) -> Services:

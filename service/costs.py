@@ -31,6 +31,7 @@ TERMS_OF: dict[str, tuple[str, ...]] = {
     "loops": (FIXED, EDGES),
     "segments": (FIXED, EDGES),
     "hull": (FIXED, FACES),
+    "deform": (FIXED, FACES),
     "first_layer": (FIXED, FACES, SAMPLES),
     "line_faces": (FIXED, FACES),
     "vector_lines": (FIXED, FACES),
@@ -72,6 +73,7 @@ NOMINAL: dict[str, dict[str, float]] = {
     "loops": {FIXED: 0.015, EDGES: 6.8e-5},
     "segments": {FIXED: 0.028, EDGES: 6.1e-5},
     "hull": {FIXED: 0.026, FACES: 5.6e-5},
+    "deform": {FIXED: 0.1, FACES: 2.5e-5},
     "first_layer": {FIXED: 0.3, FACES: 1.6e-4, SAMPLES: 8e-6},
     "line_faces": {FIXED: 0.03, FACES: 7e-6},
     "vector_lines": {FIXED: 0.5, FACES: 2e-4},
@@ -156,10 +158,11 @@ class CostModel:
 
     def of(self, asset: MeshAsset) -> _MeshCosts:
         """The costs of a mesh."""
-        kept = self._meshes.get(asset.id)
+        name = asset.id if asset.base is None else f"{asset.base.id} moved"
+        kept = self._meshes.get(name)
         if kept is None or kept.table is not asset.rungs:
             kept = self._new(asset, kept)
-            self._meshes[asset.id] = kept
+            self._meshes[name] = kept
             while len(self._meshes) > MESHES_KEPT:
                 self._meshes.popitem(last=False)
         return kept

@@ -10,10 +10,22 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from schemas.errors import InvalidRequestError
 from schemas.lines import LineKind, LineMethod, Stroke, StrokeBy
-from schemas.render import BUDGET, MAX_ERROR, Antialias, Fill, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
+from schemas.render import (
+    BUDGET,
+    MAX_ERROR,
+    Antialias,
+    Fill,
+    ImageFormat,
+    PictureRequest,
+    RenderRequest,
+    ShadingMode,
+    SilhouetteRequest,
+    Source,
+)
+from schemas.sequence import MOST_FRAMES, USUAL_FRAMES, SequenceFormat, SequenceRequest
 from service.errors import InvalidFieldsError, invalid_fields
 
-Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
+Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest, SequenceRequest)
 
 DrawnKind = Literal["silhouette", "boundary", "ridge", "valley"]
 QUERY_NAMES = {
@@ -55,6 +67,9 @@ QUERY_NAMES = {
     "stroke": "kinds",
     "project.width": "width",
     "project.height": "height",
+    "turn": "eye",
+    "turn.frames": "frames",
+    "turn.degrees": "degrees",
 }
 """Field of a request body -> query parameter."""
 
@@ -229,6 +244,22 @@ class RenderQuery(CameraQuery, StrokeQuery):
         given = {kind: style if kind in kinds else None for kind in get_args(DrawnKind)}
         more = {"charcoal": self.charcoal, "declutter": self.declutter, "orientation": self.line_orientation, "stroke": self.stroke()}
         return {"method": self.lines, **given, **more}
+
+
+class TurntableQuery(RenderQuery):
+    """A picture that turns round."""
+
+    frames: int = Field(USUAL_FRAMES, description=f"how many, 1 to {MOST_FRAMES}", examples=[36])
+    degrees: float = Field(360.0, description="how far round; below 0 the other way")
+    fps: float = Field(25.0, description="frames a second, 0.1 to 100", examples=[25])
+    loop: int = Field(0, description="times that it is played, 0 for ever")
+
+    def sequence(self, form: SequenceFormat) -> SequenceRequest:
+        """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
+        picture = self.request(ImageFormat.PNG)
+        fields = {name: getattr(picture, name) for name in PictureRequest.model_fields}
+        turn = {"frames": self.frames, "degrees": self.degrees}
+        return _checked(SequenceRequest, **fields, turn=turn, fps=self.fps, loop=self.loop, format=form)
 
 
 def vector(text: str, field: str) -> list[float]:

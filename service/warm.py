@@ -45,6 +45,7 @@ from schemas.scene import Parts, SceneObject, SceneRequest
 from service.assets import MeshAsset, load_asset
 from service.camera import resolve_camera
 from service.hulls import Side, hull_file
+from service.moving import Moving
 from service.render.calibration import calibrate
 from service.render.edge_mesh import find_edges
 from service.render.renderer import Renderer
@@ -126,11 +127,21 @@ def warm(renderer: Renderer) -> None:
                     for write in (silhouette_json, silhouette_svg, silhouette_binary):
                         write(described)
             _describe_lines(asset)
+            _move(renderer, asset)
             hull_file(store, asset, Side.OUTER, len(asset.faces))
     except (SilhouetteError, CancelledError) as error:  # busy already, or closing: then requests do the warming
         log.info("not warmed: %s", error)
     else:
         log.info("warmed", extra={"seconds": round(clock.ms() / 1e3, 2)})
+
+
+def _move(renderer: Renderer, asset: MeshAsset) -> None:
+    """The octahedron with its vertices moved: drawn, without lines and with, and described without a tree."""
+    moved = Moving(asset).at(asset.frame.to_model(asset.positions))
+    for request in (RenderRequest(width=SIDE_PX, height=SIDE_PX), *_line_requests()):
+        renderer.submit_once(moved, request).result()
+    describe_silhouette(moved, SilhouetteRequest(camera=INSIDE, project=ProjectTo()))
+    _describe_lines(moved)
 
 
 def _describe_lines(asset: MeshAsset) -> None:

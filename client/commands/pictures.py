@@ -16,6 +16,7 @@ from client.commands.viewing import (
     Eye,
     Fov,
     MaxError,
+    Moved,
     Size,
     Smooth,
     StrokeFields,
@@ -64,6 +65,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     ridges: Annotated[bool, typer.Option("--ridges", help="Lines at sharp edges, too.")] = False,
     stroke: StrokeFields = None,
     fill: Annotated[Fill, typer.Option(help="What lies under lines: the shaded surface, white, or nothing.")] = Fill.SHADED,
+    positions: Moved = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
 ) -> None:
@@ -105,12 +107,19 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
     }
     if once:
+        _unmoved(positions)
         with unkept(url, mesh) as (client, path):
             picture = client.picture_once(path, **fields)
     else:
         with chosen(url, mesh) as (client, mesh_id):
-            picture = client.picture(mesh_id, **fields)
+            picture = client.picture(mesh_id, positions=positions, **fields)
     write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
+
+
+def _unmoved(positions: Path | None) -> None:
+    """Raise ValueError for positions of a file that is not kept."""
+    if positions is not None:
+        raise ValueError("--positions moves a mesh that the service keeps; with --once, give the file as it is to be drawn")
 
 
 def lines_of(method: LineMethod, width: float, *, ridges: bool) -> dict[str, Any]:
@@ -140,6 +149,7 @@ def silhouette(  # noqa: PLR0913 - as above
     smooth_px: Annotated[float | None, typer.Option(help="Round corners of lines, at most so far from where they are.")] = None,
     line_width: Annotated[float | None, typer.Option(help="Pixels, of all lines of a drawing.")] = None,
     stroke: StrokeFields = None,
+    positions: Moved = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
 ) -> None:
@@ -166,9 +176,10 @@ def silhouette(  # noqa: PLR0913 - as above
     fields |= {"ridge_deg": angle, "valley_deg": angle, "crease_deg": angle, "simplify_px": simplify_px, "smooth_px": smooth_px}
     fields |= {"line_width": {} if line_width is None else dict.fromkeys(LineKind, line_width), "stroke": stroke_of(stroke)}
     if once:
+        _unmoved(positions)
         with unkept(url, mesh) as (client, path):
             body = client.silhouette_once(path, form, **fields)
     else:
         with chosen(url, mesh) as (client, mesh_id):
-            body = client.silhouette_document(mesh_id, form, **fields)
+            body = client.silhouette_document(mesh_id, form, positions=positions, **fields)
     write(output, body, f"{len(body) / 1024:.1f} KiB")

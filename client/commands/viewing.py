@@ -26,6 +26,12 @@ StrokeFields = Annotated[
         "wobble_px=2; wobble_length_px=40; seed=1. May be given several times.",
     ),
 ]
+Moved = Annotated[
+    Path | None,
+    typer.Option(
+        "--positions", metavar="FILE", exists=True, dir_okay=False, help="Move the vertices: .npy or bare float32; see `original`."
+    ),
+]
 Size = Annotated[str, typer.Option(metavar="WxH", help="Pixels, like 800x600, or one number for a square.")]
 
 

@@ -19,6 +19,7 @@ from schemas.mesh import Capability
 from schemas.render import Accuracy, RenderRequest, Source
 from service.assets import MeshAsset
 from service.costs import AREA, BEYOND, EDGES, FACES, FIXED, IMAGE, SAMPLES, SIDE, TERMS_OF, kind_of
+from service.moving import Moving
 from service.render.frame import RenderedImage
 from service.render.line_plan import LINE_PASSES
 from service.rungs import SURFACE
@@ -62,7 +63,16 @@ def calibrate(submit: Submit) -> dict[str, dict[str, float]]:
             images = [submit(asset, request).result() for _ in range(FRAMES + 1)][1:]
             for kind, sample in _samples(asset, request, images):
                 samples[kind].append(sample)
+        samples["deform"] += _moved(submit, asset)
     return {kind: _fitted(kind.rpartition("/")[2], of_kind) for kind, of_kind in samples.items()}
+
+
+def _moved(submit: Submit, asset: MeshAsset) -> Iterator[_Sample]:
+    """The pass that gives a mesh other positions, each time anew."""
+    moving, places = Moving(asset), asset.frame.to_model(asset.positions)
+    request = RenderRequest(width=SIDES_PX[0], height=SIDES_PX[0])
+    images = [submit(moving.at(places), request).result() for _ in range(FRAMES + 1)][1:]
+    return (sample for kind, sample in _samples(asset, request, images) if kind == "deform")
 
 
 def sphere(level: int, of_hull: int) -> MeshAsset:

@@ -97,6 +97,7 @@ def _reason(name: str, plan: Plan, asset: MeshAsset) -> str:
         "segments": "the outline is needed in pixels",
         "smooth": "the outline is that of the surface with interpolated normals",
         "hull": f"{surface} is drawn by the CPU",
+        "deform": "the mesh has other positions than it was loaded with",
         "clear": "the GL draws into an empty target",
         "stencil": "the winding number of the silhouette says what is inside",
         "surface": f"{surface} gives the colour",
@@ -127,6 +128,7 @@ def _absence(name: str, plan: Plan) -> str:
     reasons = {
         "smooth": "the mesh's own outline was asked for",
         "hull": "the GL draws the surface",
+        "deform": "the mesh is drawn as it was loaded",
         "resolve": "there is one sample a pixel",
         "surface": "nothing of it is shown, and strokes are known to be in sight without it",
         "rim": "pixels show what is at their centres",

@@ -19,6 +19,7 @@ from service.render.passes.charcoal import draw_charcoal
 from service.render.passes.clear import clear_target
 from service.render.passes.composite import compose
 from service.render.passes.coverage import make_coverage
+from service.render.passes.deform import deform_mesh
 from service.render.passes.edge_mesh import draw_edge_mesh
 from service.render.passes.edges import find_edges
 from service.render.passes.first_layer import find_first_layer
@@ -66,6 +67,7 @@ FRAME = (
     Pass("segments", project_segments),
     Pass("smooth", smooth_outline),
     Pass("hull", place_hull),
+    Pass("deform", deform_mesh, draws=True),
     Pass("first_layer", find_first_layer, draws=True),
     Pass("clear", clear_target, each_tile=True, draws=True),
     Pass("stencil", count_windings, each_tile=True, draws=True),

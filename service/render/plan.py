@@ -121,7 +121,9 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
         passes = passes_of(source, antialias)
     if accuracy.smooth and area.width:
         passes |= {"smooth"}
-    closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, view.eye))
+    closed = source is Source.CLIPPED or (asset.encloses and _is_outside_box(asset, view.eye))
+    if asset.base is not None and area.width:
+        passes |= {"deform"}
     if lines is not None:
         closed = closed and lines.orientation == "trusted"
         passes |= line_passes(lines, asset, closed) if area.width else frozenset()

@@ -65,6 +65,10 @@ class Source(Protocol):
         """(8, 3) f8 of its bounding box."""
 
     @property
+    def radius(self) -> float:
+        """Of a sphere about the origin that holds it; 1 where it is as it was loaded, or more."""
+
+    @property
     def smooth_surface(self) -> SmoothSurface:
         """The surface of a closed mesh's normals."""
 
@@ -125,7 +129,7 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
         outline = _smooth(source, view)
     elif homogeneous is not None and loops is not None and not request.wants_lines:
         # an eye that a level is chosen for is outside of it
-        segments = project_edges(view, np.asarray(source.positions), edges) if level is None and _is_near(view) else None
+        segments = project_edges(view, np.asarray(source.positions), edges) if level is None and _is_near(view, source.radius) else None
         outline = outline_of(view, homogeneous[loops.vertices], loops.offsets, _base(source, view, segments))
     return Description(
         eye=_model_eye(view.eye, source.frame),
@@ -190,13 +194,13 @@ def _edges(source: Source, eye: F8, of_any: bool) -> I4:
 
 def _smooth(source: Source, view: View) -> Outline:
     contours = source.smooth_surface.contours(view)
-    segments = contours.segments(view) if _is_near(view) else None
+    segments = contours.segments(view) if _is_near(view, source.radius) else None
     return smooth_outline(view, contours, _base(source, view, segments))
 
 
-def _is_near(view: View) -> bool:
-    """Whether there may be layers over the whole image that no edge tells of: never for an eye outside the unit sphere."""
-    return not (view.orthographic or float(np.linalg.norm(view.eye[:3])) > 1.0 + 1e-6)
+def _is_near(view: View, radius: float) -> bool:
+    """Whether there may be layers over the whole image that no edge tells of: never for an eye outside the sphere about all."""
+    return not (view.orthographic or float(np.linalg.norm(view.eye[:3])) > radius + 1e-6)
 
 
 def _base(source: Source, view: View, segments: F8 | None) -> int:

@@ -37,6 +37,7 @@ def source(mesh, closed=True):
         faces=faces,
         edges=(table.vertices, table.faces) if table else None,
         tree=None,
+        radius=1.0,
         clip=Capability(available=closed, reason=None if closed else "it has holes"),
         line_mesh=LineMesh(positions, faces),
     )

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.render import Accuracy, Antialias, RenderRequest, Shading, ShadingMode, Source
+from service.moving import Moving
 from service.render.frame import FRAME, tiles_of
 from service.render.plan import plan_frame
 from service.rungs import SILHOUETTE, SURFACE
@@ -102,7 +103,10 @@ def test_every_pass_is_in_some_plan_and_every_plan_in_the_frame():
         for name in plan(mode=mode, antialias=a, source=s).passes
     }
     lined = ({"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}, {"method": "strokes"}, {})
-    assert used.union(plan(smooth=True).passes, *(plan(lines=lines).passes for lines in lined)) == set(names)
+    asset = clippable("sphere")
+    moved = Moving(asset).at(asset.frame.to_model(asset.positions))
+    drawn = [plan(lines=lines).passes for lines in lined]
+    assert used.union(plan(smooth=True).passes, plan(moved).passes, *drawn) == set(names)
 
 
 def test_clipping_can_be_insisted_on():
