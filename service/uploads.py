@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 from collections.abc import AsyncIterator, Collection, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -21,6 +19,8 @@ from starlette.requests import ClientDisconnect
 
 from schemas.errors import InvalidRequestError, MeshRejectedError, StorageFullError, TooLargeError, UnknownFormatError
 from schemas.mesh import PreprocessOptions
+from service.access.caller import Caller
+from service.draining import drain
 
 CONTENT_TYPES = {
     "model/stl": "stl",
@@ -45,18 +45,22 @@ WRITE_BYTES = 1 << 20
 FIELD_BYTES = 1 << 12
 """Largest form field that is not the file."""
 
-DRAIN_BYTES, DRAIN_S = 64 << 20, 2.0
-"""How much of a refused body is still read, so that a client that only reads after writing gets to see why."""
-
 NAME_CHARS = 200
 
 
 @dataclass(frozen=True)
 class UploadLimits:
-    """Bounds of an upload: the most bytes taken from anyone, and the bytes the store can still give away."""
+    """Bounds of an upload: the most bytes, the bytes the store can still give away, and the most faces; None: what a worker takes."""
 
     max_bytes: int
     room_bytes: int
+    max_faces: int | None = None
+
+    def of(self, caller: Caller) -> UploadLimits:
+        """The same for one caller, who may have tighter ones."""
+        own = caller.limits
+        max_bytes = self.max_bytes if own.max_upload_mib is None else min(self.max_bytes, own.max_upload_mib * 2**20)
+        return UploadLimits(max_bytes, self.room_bytes, own.max_faces)
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ async def receive_upload(request: Request, file: BinaryIO, limits: UploadLimits,
     if spool.size == 0:
         raise MeshRejectedError("The upload is empty: it has no bytes.", code="empty-file")
     name, extension, options = described
-    return Upload(spool.digest.hexdigest(), spool.size, name, extension, options, kept)
+    return Upload(spool.digest.hexdigest(), spool.size, name, extension, options.narrowed(limits.max_faces), kept)
 
 
 class _Body:
@@ -124,13 +128,9 @@ class _Body:
             yield message.get("body", b"")
 
     async def drain(self) -> None:
-        seen = 0
-        with suppress(TimeoutError, ClientDisconnect):
-            async with asyncio.timeout(DRAIN_S):
-                async for chunk in self.chunks():
-                    seen += len(chunk)
-                    if seen > DRAIN_BYTES:
-                        return
+        if not self._ended:
+            self._ended = True
+            await drain(self._request.receive)
 
 
 class _Spool:
@@ -259,4 +259,4 @@ def _check_room(declared: int, limits: UploadLimits) -> None:
 
 
 def _too_large(max_bytes: int) -> TooLargeError:
-    return TooLargeError(f"The upload is larger than the {max_bytes / 2**20:g} MiB that are taken here.", limit=max_bytes)
+    return TooLargeError(f"The upload is larger than the {max_bytes / 2**20:g} MiB that are taken here (max_upload_mib).", limit=max_bytes)

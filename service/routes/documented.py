@@ -10,6 +10,8 @@ from schemas.mesh import PreprocessOptions, Problem
 from service.errors import PROBLEM_JSON
 
 PROBLEMS = {
+    401: "No key, or one that is not good here",
+    403: "The key has not the scope, or the signature does not fit",
     404: "There is no such mesh",
     406: "None of the types in Accept can be produced",
     409: "The mesh is accepted, but not processed yet",
