@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from client.api import DEFAULT_URL
-from client.commands.choosing import MeshArgument, Once, Url, chosen, unkept
+from client.commands.choosing import Key, MeshArgument, Once, Url, chosen, unkept
 from client.commands.console import write
 from client.commands.viewing import Azimuth, Elevation, Eye, Fov, MaxError, Size, Smooth, Target, by_suffix, camera_of, sides_of
 from schemas.lines import LineMethod
@@ -51,6 +51,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     fill: Annotated[Fill, typer.Option(help="What lies under lines: the shaded surface, white, or nothing.")] = Fill.SHADED,
     once: Once = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Render a picture of a mesh.
 
@@ -86,10 +87,10 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
     }
     if once:
-        with unkept(url, mesh) as (client, path):
+        with unkept(url, mesh, key) as (client, path):
             picture = client.picture_once(path, **fields)
     else:
-        with chosen(url, mesh) as (client, mesh_id):
+        with chosen(url, mesh, key) as (client, mesh_id):
             picture = client.picture(mesh_id, **fields)
     write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
 
@@ -121,6 +122,7 @@ def silhouette(  # noqa: PLR0913 - as above
     smooth_px: Annotated[float | None, typer.Option(help="Round corners of lines, at most so far from where they are.")] = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Write the silhouette of a mesh as a drawing (SVG, DXF) or as edges and closed contours (JSON).
 
@@ -142,9 +144,9 @@ def silhouette(  # noqa: PLR0913 - as above
     fields |= {"kinds": None if kinds is None else kinds.split(","), "visible_only": visible_only}
     fields |= {"ridge_deg": angle, "valley_deg": angle, "crease_deg": angle, "simplify_px": simplify_px, "smooth_px": smooth_px}
     if once:
-        with unkept(url, mesh) as (client, path):
+        with unkept(url, mesh, key) as (client, path):
             body = client.silhouette_once(path, form, **fields)
     else:
-        with chosen(url, mesh) as (client, mesh_id):
+        with chosen(url, mesh, key) as (client, mesh_id):
             body = client.silhouette_document(mesh_id, form, **fields)
     write(output, body, f"{len(body) / 1024:.1f} KiB")

@@ -70,7 +70,7 @@ class AccessGuard:
         record = await _holder(access, token_of(headers))
         needed = scope_of(method, scope["path"])
         if needed not in record.scopes:
-            raise ForbiddenError(f"This key has not the scope {needed.value}.", code="missing-scope", scope=needed.value)
+            raise ForbiddenError(f"This key lacks the scope {needed.value}.", code="missing-scope", scope=needed.value)
         return Caller(record, tightest(record.limits, access.limits)), scope
 
 
