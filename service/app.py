@@ -13,7 +13,8 @@ from typing import Any
 
 import redis
 from anyio import to_thread
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
+from fastapi.security import HTTPBearer
 from starlette.middleware.cors import CORSMiddleware
 
 from backend import once, records
@@ -30,6 +31,7 @@ from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
 from service.routes import access, accuracy, artifacts, docs, health, meshes, page, render, scenes, silhouette
 from service.routes import once as one_request
+from service.routes.documented import problems
 from service.security_headers import SecurityHeaders
 from service.settings import ServiceSettings
 from service.slots import Slots
@@ -42,6 +44,12 @@ ROUTES = (page, docs, meshes, render, scenes, silhouette, one_request, accuracy,
 
 MESH_BODIES = frozenset({"/v1/meshes", "/v1/render", "/v1/silhouette"})
 """Addresses that take a mesh, and count its bytes themselves."""
+
+KEYED: dict[str, Any] = {
+    "dependencies": [Depends(HTTPBearer(auto_error=False, description="an API key, where the service asks for one"))],
+    "responses": problems(401, 403, 429),
+}
+"""What OpenAPI says of all calls but health; that it is so is the guard's work."""
 
 SHARED_WITH_PAGES: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "DELETE"],
@@ -99,7 +107,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **SHARED_WITH_PAGES)
     app.add_middleware(SecurityHeaders, is_shared=bool(settings.cors_origins), has_tls=settings.behind_tls)
     for module in ROUTES:
-        app.include_router(module.router)
+        app.include_router(module.router, **({} if module is health else KEYED))
     return app
 
 

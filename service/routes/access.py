@@ -16,13 +16,13 @@ from service.state import Parts
 router = APIRouter(prefix="/v1", tags=["access"])
 
 
-@router.get("/keys", response_model_exclude_none=True, responses=problems(401, 403))
+@router.get("/keys", response_model_exclude_none=True)
 def list_keys(parts: Parts) -> KeyPage:
     """All keys, without their secrets."""
     return KeyPage(keys=[record.info() for record in parts.access.ring.stored.all()])
 
 
-@router.post("/keys", status_code=201, response_model_exclude_none=True, responses=problems(401, 403, 422, 507))
+@router.post("/keys", status_code=201, response_model_exclude_none=True, responses=problems(422, 507))
 async def add_key(wanted: NewKey, parts: Parts, response: Response) -> MadeKey:
     """Make a key. The token is in this answer and nowhere else, not even in the store."""
     made = await to_thread.run_sync(parts.access.ring.stored.add, wanted)
@@ -31,13 +31,13 @@ async def add_key(wanted: NewKey, parts: Parts, response: Response) -> MadeKey:
     return made
 
 
-@router.get("/keys/{key_id}", response_model_exclude_none=True, responses=problems(401, 403, 404))
+@router.get("/keys/{key_id}", response_model_exclude_none=True, responses=problems(404))
 def key_info(key_id: str, parts: Parts) -> KeyInfo:
     """One key, without its secret."""
     return parts.access.ring.stored.get(key_id).info()
 
 
-@router.delete("/keys/{key_id}", status_code=204, response_class=Response, responses=problems(401, 403, 404))
+@router.delete("/keys/{key_id}", status_code=204, response_class=Response, responses=problems(404))
 async def revoke_key(key_id: str, parts: Parts) -> Response:
     """Revoke a key, and all addresses that it signed: here at once, in other processes of the service within seconds."""
     await to_thread.run_sync(parts.access.ring.stored.revoke, key_id)
@@ -45,7 +45,7 @@ async def revoke_key(key_id: str, parts: Parts) -> Response:
     return Response(status_code=204)
 
 
-@router.post("/sign", responses=problems(401, 403, 422))
+@router.post("/sign", responses=problems(422))
 async def sign_address(wanted: SignRequest, request: Request, response: Response) -> SignedUrl:
     """An address of a picture, drawing or download that works without a key until it expires, for a page that everyone sees.
 

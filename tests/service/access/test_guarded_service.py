@@ -13,9 +13,7 @@ from service.access.tokens import parse_token
 from service.app import create_app
 from service.settings import ServiceSettings
 from tests import meshes
-from tests.service.access.conftest import KEYS, ORIGIN
-
-pytestmark = pytest.mark.xdist_group("guarded")
+from tests.conftest import GUARDED_KEYS, ORIGIN
 
 PAGES = ("/", "/docs", "/openapi.json", "/page/style.css", "/no/such/page")
 
@@ -70,7 +68,7 @@ def test_a_key_comes_as_far_as_its_scope_and_hears_which_one_is_missing(guarded,
                 continue
             needed = scope_of(method, address).value
             answer = http.request(method, address)
-            if needed in KEYS[key]["scopes"]:
+            if needed in GUARDED_KEYS[key]["scopes"]:
                 assert answer.status_code not in (401, 403), address
             else:
                 assert (answer.status_code, answer.json()["code"], answer.json()["scope"]) == (403, "missing-scope", needed), address
@@ -188,15 +186,15 @@ def test_secrets_are_in_no_file_and_no_log(guarded, anyone, fresh):
 # ---- limits ----
 
 
-def test_a_picture_over_the_keys_pixels_is_refused_wherever_it_is_asked_for(guarded, cube, cube_ply):
-    base, wide = f"/v1/meshes/{cube.id}", {"width": 101, "height": 100}
+def test_a_picture_over_the_keys_pixels_is_refused_wherever_it_is_asked_for(guarded, guarded_cube, cube_ply):
+    base, wide = f"/v1/meshes/{guarded_cube.id}", {"width": 101, "height": 100}
     with guarded.http("small") as http:
         assert http.get(f"{base}/render.png?width=100&height=100").status_code == 200
         for answer in (
             http.get(f"{base}/render.png?width=101&height=100"),
             http.get(f"{base}/thumbnail.png?size=101"),
             http.post(f"{base}/render", json=wide),
-            http.post("/v1/scenes/render", json={"objects": [{"mesh": cube.id}], **wide}),
+            http.post("/v1/scenes/render", json={"objects": [{"mesh": guarded_cube.id}], **wide}),
             http.post("/v1/render?name=cube.ply&width=101&height=100", content=cube_ply),
         ):
             assert answer.status_code == 422, answer.url
@@ -249,16 +247,16 @@ def test_a_key_over_its_requests_a_minute_is_429_and_hears_when_to_come_again(gu
         assert http.get("/v1/meshes").status_code == 200, "another key has its own"
 
 
-def test_a_key_over_its_pictures_at_once_is_429_and_not_for_long(guarded, cube):
-    address = f"/v1/meshes/{cube.id}/render.png?width=1500&height=1500&antialias=ssaa&source=original"
+def test_a_key_over_its_pictures_at_once_is_429_and_not_for_long(guarded, guarded_cube):
+    address = f"/v1/meshes/{guarded_cube.id}/render.png?width=1500&height=1500&antialias=ssaa&source=original"
     with guarded.http("single") as http, ThreadPoolExecutor(6) as threads:
         answers = list(threads.map(lambda number: http.get(f"{address}&azimuth={number}"), range(6)))
         assert {answer.status_code for answer in answers} == {200, 429}
         refused = next(answer for answer in answers if answer.status_code == 429)
         assert (refused.json()["quota"], refused.json()["limit"]) == ("concurrent_renders", 1)
         assert refused.headers["retry-after"] == "1"
-        assert http.get(f"/v1/meshes/{cube.id}/thumbnail.png").status_code == 200
-        busy = list(threads.map(lambda _: http.get(f"/v1/meshes/{cube.id}"), range(6)))
+        assert http.get(f"/v1/meshes/{guarded_cube.id}/thumbnail.png").status_code == 200
+        busy = list(threads.map(lambda _: http.get(f"/v1/meshes/{guarded_cube.id}"), range(6)))
         assert {answer.status_code for answer in busy} == {200}, "only pictures are counted"
 
 
@@ -270,10 +268,10 @@ def signed(guarded, address, key="reader", **fields):
         return http.post("/v1/sign", json={"url": address, **fields}).json()["url"]
 
 
-def test_a_signed_address_needs_no_key_for_exactly_that_picture(guarded, anyone, cube):
-    url = signed(guarded, f"/v1/meshes/{cube.id}/render.png?azimuth=40&width=60&height=50")
+def test_a_signed_address_needs_no_key_for_exactly_that_picture(guarded, anyone, guarded_cube):
+    url = signed(guarded, f"/v1/meshes/{guarded_cube.id}/render.png?azimuth=40&width=60&height=50")
     with guarded.http("reader") as http:
-        drawn = http.get(f"/v1/meshes/{cube.id}/render.png?azimuth=40&width=60&height=50")
+        drawn = http.get(f"/v1/meshes/{guarded_cube.id}/render.png?azimuth=40&width=60&height=50")
     answer = anyone.get(url)
     assert answer.status_code == 200 and answer.content == drawn.content
     assert anyone.head(url).status_code == 200
@@ -287,31 +285,35 @@ def test_a_signed_address_needs_no_key_for_exactly_that_picture(guarded, anyone,
 
 
 @pytest.mark.parametrize("name", ["thumbnail.webp?size=32", "silhouette.svg?width=64", "artifacts/hull.glb", "artifacts/hull.glb?faces=50"])
-def test_other_pictures_drawings_and_downloads_can_be_signed(guarded, anyone, cube, name):
-    assert anyone.get(signed(guarded, f"/v1/meshes/{cube.id}/{name}")).status_code == 200
+def test_other_pictures_drawings_and_downloads_can_be_signed(guarded, anyone, guarded_cube, name):
+    assert anyone.get(signed(guarded, f"/v1/meshes/{guarded_cube.id}/{name}")).status_code == 200
 
 
-def test_no_cache_keeps_a_signed_picture_longer_than_its_address_lasts(guarded, anyone, cube):
+def test_no_cache_keeps_a_signed_picture_longer_than_its_address_lasts(guarded, anyone, guarded_cube):
     for seconds, most in ((100, 100), (86_400 * 300, 86_400 * 300)):
-        answer = anyone.get(signed(guarded, f"/v1/meshes/{cube.id}/thumbnail.png?size=32", expires_in_s=seconds))
+        answer = anyone.get(signed(guarded, f"/v1/meshes/{guarded_cube.id}/thumbnail.png?size=32", expires_in_s=seconds))
         parts = answer.headers["cache-control"].split(", ")
         age = int(next(part for part in parts if part.startswith("max-age=")).removeprefix("max-age="))
         assert most - 30 <= age <= most
         assert "must-revalidate" in parts and "immutable" not in parts and "stale" not in answer.headers["cache-control"]
-    picture = anyone.get(signed(guarded, f"/v1/meshes/{cube.id}/render.png?width=32&height=32"))
+    picture = anyone.get(signed(guarded, f"/v1/meshes/{guarded_cube.id}/render.png?width=32&height=32"))
     assert picture.headers["cache-control"] == "no-cache", "each use asks again, and is refused once it has expired"
 
 
-def test_no_shared_cache_keeps_what_came_with_a_key(guarded, cube):
+def test_no_shared_cache_keeps_what_came_with_a_key(guarded, guarded_cube):
     with guarded.http("reader") as http:
-        for address in (f"/v1/meshes/{cube.id}/thumbnail.png?size=32", f"/v1/meshes/{cube.id}", f"/v1/meshes/{cube.id}/artifacts/hull.glb"):
+        for address in (
+            f"/v1/meshes/{guarded_cube.id}/thumbnail.png?size=32",
+            f"/v1/meshes/{guarded_cube.id}",
+            f"/v1/meshes/{guarded_cube.id}/artifacts/hull.glb",
+        ):
             parts = http.get(address).headers["cache-control"].split(", ")
             assert "private" in parts and "public" not in parts
 
 
-def test_a_signed_address_ends_when_it_expires_and_with_its_key(guarded, anyone, cube, fresh):
+def test_a_signed_address_ends_when_it_expires_and_with_its_key(guarded, anyone, guarded_cube, fresh):
     made = fresh(scopes=["read"])
-    sign = {"url": f"/v1/meshes/{cube.id}/thumbnail.png?size=32"}
+    sign = {"url": f"/v1/meshes/{guarded_cube.id}/thumbnail.png?size=32"}
     short, long = (
         anyone.post("/v1/sign", json=sign | {"expires_in_s": seconds}, headers={"X-API-Key": made["token"]}).json()["url"]
         for seconds in (1, 3600)
@@ -325,8 +327,8 @@ def test_a_signed_address_ends_when_it_expires_and_with_its_key(guarded, anyone,
     assert anyone.get(long).status_code == 403
 
 
-def test_a_signed_picture_is_within_the_limits_of_its_key(guarded, anyone, cube):
-    url = signed(guarded, f"/v1/meshes/{cube.id}/thumbnail.png?size=101", key="small")
+def test_a_signed_picture_is_within_the_limits_of_its_key(guarded, anyone, guarded_cube):
+    url = signed(guarded, f"/v1/meshes/{guarded_cube.id}/thumbnail.png?size=101", key="small")
     answer = anyone.get(url)
     assert answer.status_code == 422 and "max_pixels" in answer.json()["detail"]
 
@@ -358,9 +360,9 @@ def test_pages_of_the_listed_origins_may_use_the_api_and_no_others(guarded, anyo
     assert "X-Accuracy" in answer.headers["access-control-expose-headers"]
 
 
-def test_browsers_are_told_what_they_may_do(guarded, anyone, cube):
+def test_browsers_are_told_what_they_may_do(guarded, anyone, guarded_cube):
     with guarded.http("reader") as http:
-        page, picture = http.get("/"), http.get(f"/v1/meshes/{cube.id}/thumbnail.png?size=32")
+        page, picture = http.get("/"), http.get(f"/v1/meshes/{guarded_cube.id}/thumbnail.png?size=32")
     for answer in (page, picture, anyone.get("/healthz"), anyone.get("/v1/meshes")):
         assert answer.headers["x-content-type-options"] == "nosniff"
         assert answer.headers["referrer-policy"] == "no-referrer"
