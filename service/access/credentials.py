@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import binascii
 from collections.abc import Collection
-from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 
@@ -35,15 +34,16 @@ def challenge(headers: Headers) -> str:
 def is_foreign_write(method: str, headers: Headers, allowed_origins: Collection[str]) -> bool:
     """Whether a browser sends this for a page of somebody else's, with what it would add by itself: nothing, or a kept password.
 
-    Such a page cannot set the headers of a key, but it can make a browser post.
+    Such a page cannot set the headers of a key, but it can make a browser post. An allowed origin may do that where no password is sent.
     """
-    if method in READING_METHODS or headers.get("authorization", "").lower().startswith("bearer ") or "x-api-key" in headers:
-        return False
+    scheme = headers.get("authorization", "").partition(" ")[0].lower()
     origin = headers.get("origin")
-    if origin is None or origin in allowed_origins or "*" in allowed_origins:
+    if method in READING_METHODS or scheme == "bearer" or "x-api-key" in headers or origin is None:
+        return False
+    if scheme != "basic" and not {origin, "*"}.isdisjoint(allowed_origins):
         return False
     site = headers.get("sec-fetch-site")
-    return site not in ("same-origin", "none") if site is not None else urlsplit(origin).netloc != headers.get("host")
+    return site not in ("same-origin", "none") if site is not None else origin.partition("://")[2] != headers.get("host")
 
 
 def _basic_token(encoded: str) -> str:

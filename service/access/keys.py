@@ -79,6 +79,8 @@ class KeyRing:
 
     async def find(self, key_id: str) -> KeyRecord | None:
         """A key's record; None when there is none. Raises CorruptArtifactError."""
+        if not KEY_ID.fullmatch(key_id):
+            return None
         until, record = self._found.get(key_id, (0.0, None))
         if time.monotonic() < until:
             return record
