@@ -164,6 +164,11 @@ class MeshAsset:
         return LineSurface(self.positions, self.faces, self.edges)
 
     @cached_property
+    def stretched(self) -> dict[bytes, MeshAsset]:
+        """The mesh in other shapes, by the matrix that made them, the latest last (`service.scene.stretch`)."""
+        return {}
+
+    @cached_property
     def line_mesh(self) -> LineMesh:
         """The mesh made ready for finding lines, whether it is closed or not."""
         return LineMesh(self.positions, self.faces)
@@ -219,7 +224,8 @@ class MeshAsset:
         arrays += [a for a in given if a is not None]
         lines = self.__dict__["line_mesh"].nbytes if "line_mesh" in self.__dict__ else 0
         parts = sum(level.nbytes for level in self.levels) + sum(hull.nbytes for hull in self.other_hulls)
-        return sum(int(a.nbytes) for a in arrays) + parts + lines
+        shapes = sum(int(one.positions.nbytes + one.normals.nbytes) for one in list(self.stretched.values()))
+        return sum(int(a.nbytes) for a in arrays) + parts + lines + shapes
 
 
 def state_of(manifest: Manifest) -> str:

@@ -25,7 +25,7 @@ from schemas import artifacts
 from schemas.artifacts import Layout
 from schemas.conventions import Array
 from schemas.errors import SilhouetteError
-from schemas.lines import LineKind, Lines
+from schemas.lines import LineKind, LineMethod, Lines
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability
 from schemas.render import (
@@ -175,10 +175,14 @@ def _line_requests() -> Iterator[RenderRequest]:
 
 
 def _scenes() -> Iterator[SceneRequest]:
-    """Two that overlap in the picture, two that touch, and two that interlock; one of them stretched and mirrored."""
+    """Two that overlap in the picture, two that touch, and two that interlock; one of them stretched and mirrored. The last with lines."""
+    sharp = {"ridge": {}, "ridge_deg": 1.0}
     for shift in ([0.2, 0.1, -3.0], [1.0, 0.0, -1.0], [0.5, 0.3, 0.0]):
         other = SceneObject(mesh=MESH_ID, transform=Parts(translate=shift, scale=[-1.0, 1.0, 0.8]))
         yield SceneRequest(width=SIDE_PX, height=SIDE_PX, background="#102030", objects=[SceneObject(mesh=MESH_ID), other])
+    for method in (LineMethod.EDGE_MESH, LineMethod.WIREFRAME):
+        lined = other.model_copy(update={"lines": Lines.model_validate({"method": method, **sharp})})
+        yield SceneRequest(width=SIDE_PX, height=SIDE_PX, objects=[SceneObject(mesh=MESH_ID), lined], lines=Lines.model_validate(sharp))
 
 
 def octahedron(store: Store) -> MeshAsset:

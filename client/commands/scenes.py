@@ -31,6 +31,8 @@ def scene(
     In the file, `mesh` of an object may be an id, the beginning of one, or the path of a mesh beside the file, which is uploaded first:
     `{"objects": [{"mesh": "bunny.ply"}, {"mesh": "3f2a91", "transform": {"translate": [2, 0, 0], "scale": 0.5}}]}`
 
+    With `"lines": {}` beside the objects, or in one of them, silhouettes are drawn; `"lines": {"ridge": {}}` adds ridges.
+
     `silhouette scene scene.json -o scene.png --size 800x600`
     """
     fields = _read(file)

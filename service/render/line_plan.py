@@ -14,6 +14,8 @@ OF_HULLS = ("max_error_px", "budget_ms", "min_psnr_db", "level", "hull_faces", "
 """Fields of `accuracy` that choose among ways to draw a hull, or between that and the mesh."""
 LINE_PASSES = ("first_layer", "line_faces", "line_strokes", "charcoal", "lines_back", "line_edges", "edge_mesh")
 """Passes that only lines have, in order."""
+DEEP_PASSES = frozenset(LINE_PASSES) - {"edge_mesh"}
+"""Those that compare depths of lines and surfaces, so that these must be told apart at any distance."""
 SAMPLED = (Antialias.NONE, Antialias.MSAA, Antialias.SSAA)
 
 
@@ -57,7 +59,7 @@ def lined(accuracy: Accuracy) -> Accuracy:
 def line_passes(lines: Lines, asset: MeshAsset, closed: bool) -> frozenset[str]:
     """Passes that the lines add. closed: the nearest layer is the front faces; otherwise it is looked for."""
     if lines.method is LineMethod.EDGE_MESH:
-        return frozenset({"edge_mesh"})
+        return frozenset({"edge_mesh"} if styles_of(lines) else ())
     passes: set[str] = set()
     if lines.silhouette is not None:
         passes |= {"line_faces", "lines_back"} | ({"line_strokes"} if lines.method is not LineMethod.TRANSLATED else set())
@@ -71,6 +73,11 @@ def line_passes(lines: Lines, asset: MeshAsset, closed: bool) -> frozenset[str]:
     if is_translucent(lines):
         passes.add("resolve")
     return frozenset(passes)
+
+
+def is_deep(passes: frozenset[str]) -> bool:
+    """Whether depth must be in floats for them, and reversed."""
+    return bool(passes & DEEP_PASSES)
 
 
 def is_translucent(lines: Lines) -> bool:
@@ -92,5 +99,5 @@ def reach_px(lines: Lines, view: View) -> int:
 
 
 def reference_depth(view: View) -> float:
-    """w of the middle of the mesh, where lines that scale with distance have their width; at least that of the near plane."""
-    return max(float(view.matrix[3, 3]), view.near)
+    """w of the middle of all that is drawn, where lines that scale with distance have their width; at least that of the near plane."""
+    return max(float(view.matrix[3, 3]) if view.middle_depth is None else view.middle_depth, view.near)

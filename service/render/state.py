@@ -159,7 +159,8 @@ class FrameState:
     of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn.
 
     marked: kinds of lines that have been blended. samples: (f,) i4, how many of the picture each face has. layer: (f,) u1, faces of the
-    nearest layer. back_faces: (k,) i4, faces that are drawn as lines. line_ends, strokes: by the pass that draws them.
+    nearest layer. back_faces: (k,) i4, faces that are drawn as lines. line_ends, strokes: by the pass that draws them. line_place: the
+    place of this mesh among those whose edge meshes are drawn over the same target, and how many they are.
     """
 
     gpu: Gpu
@@ -185,6 +186,7 @@ class FrameState:
     back_faces: I4 = field(default_factory=lambda: np.empty(0, np.int32))
     line_ends: dict[str, I4] = field(default_factory=dict)
     strokes: dict[str, list[Strokes]] = field(default_factory=dict)
+    line_place: tuple[int, int] = (0, 1)
     drawn: U1 | None = None
 
     @property

@@ -156,6 +156,9 @@ def test_scene_of_ids_and_files_beside_it(service, knot, knot_file, tmp_path):
         "scene", "-", "-o", "-", "--size", "40x30", url=service.url, input=json.dumps({"objects": [{"mesh": knot.id}]}).encode()
     )
     assert piped.stdout[:8] == b"\x89PNG\r\n\x1a\n"
+    (tmp_path / "scene.json").write_text(json.dumps(scene | {"lines": {}}))
+    lined = silhouette("scene", tmp_path / "scene.json", "-o", tmp_path / "s.png", url=service.url)
+    assert b"edge_mesh" in lined.stderr
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from schemas.render import RenderRequest
 from service.costs import NOMINAL, CostModel
 from service.render.explain import explain
 from service.render.frame import FRAME
-from service.render.plan import plan_frame
+from service.render.plan import drawn_there, plan_frame, shared_plan
 from tests.service.render.made import bare, seen_from, unclippable
 
 OUTSIDE, INSIDE = np.array([3.0, 2.0, 4.0, 1.0]), np.array([0.1, 0.0, 0.0, 1.0])
@@ -96,6 +98,36 @@ def test_what_makes_no_sense_is_refused_by_its_field(lines, request_, field):
 def test_an_edge_mesh_is_one_pass_more_for_whatever_it_shows():
     assert added({}) == {"edge_mesh"}
     assert added({"method": "edge_mesh", "orientation": "any", "ridge": {"opacity": 0.5}}, asset=unclippable()) == {"edge_mesh"}
+
+
+def test_lines_of_no_kind_take_no_pass():
+    nothing = {"silhouette": None, "boundary": None}
+    for method in ("edge_mesh", "fattened"):
+        assert added({"method": method, **nothing}) == set()
+        assert not plan({"method": method, **nothing}).deep
+
+
+NEARBY = seen_from(bare("sphere"), OUTSIDE)
+
+
+def test_a_target_that_meshes_share_has_what_one_of_them_needs():
+    plans = [plan(None, accuracy={"source": "original", "antialias": "none"})]
+    assert not shared_plan(plans, NEARBY).deep
+    plans += [plan(lines, accuracy={"antialias": "none"}) for lines in ({}, {"method": "wireframe", "silhouette": {"opacity": 0.5}})]
+    shared = shared_plan(plans, NEARBY)
+    assert (shared.deep, shared.marked) == (True, True)
+    assert shared.passes >= {"edge_mesh", "lines_back", "resolve"}
+    there = [drawn_there(one, shared) for one in plans]
+    assert all(one.deep and "resolve" in one.passes for one in there)
+    assert [one.marked for one in there] == [False, False, True]
+    assert "lines_back" not in there[1].passes
+
+
+def test_depth_is_in_floats_where_meshes_are_near_and_far_and_lines_ask_for_it():
+    wide, flat = replace(NEARBY, near=1e-4 * NEARBY.far), replace(NEARBY, eye=np.array([0.0, 0.0, 1.0, 0.0]), near=1e-4 * NEARBY.far)
+    lined, plain = plan({}, accuracy={"antialias": "none"}), plan(None, accuracy={"source": "original", "antialias": "none"})
+    assert [shared_plan([lined, plain], view).deep for view in (NEARBY, wide, flat)] == [False, True, False]
+    assert not shared_plan([plain, plain], wide).deep
 
 
 def test_the_area_holds_what_lines_have_beyond_the_mesh():

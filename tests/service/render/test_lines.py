@@ -73,7 +73,7 @@ def test_pulled_faces_show_along_the_silhouette(picture, view, pull):
     assert (cKDTree(pixels[seen]).query(line_pixels(image))[0] <= 16.0).mean() >= 0.995
 
 
-@pytest.mark.parametrize("width", [1.5, 4.0, 8.0])
+@pytest.mark.parametrize("width", [1.5, 4.0, 8.0, 12.0, 20.0])
 @pytest.mark.parametrize("view", ["orbit", "close", "orthographic"])
 def test_fattened_lines_are_as_wide_as_was_asked(picture, view, width):
     for name in ("sphere", "torus"):
