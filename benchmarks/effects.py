@@ -80,6 +80,48 @@ EFFECTS = (
         "Faces turned any way: the nearest layer is found by numbers",
         {"lines": {"method": "fattened", "orientation": "any", "ridge": RED}},
     ),
+    Effect(
+        "broad_pen",
+        "knot",
+        "Strokes of a broad pen, with a wobble",
+        {
+            "lines": {"method": "strokes", "silhouette": {"width": 7}, "stroke": {"width_by": "angle", "least": 0.15, "wobble_px": 2}},
+            "shading": {"fill": "white"},
+        },
+    ),
+    Effect(
+        "pencil",
+        "knot",
+        "Strokes that follow depth and curvature",
+        {
+            "lines": {
+                "method": "strokes",
+                "silhouette": {"width": 6},
+                "stroke": {"width_by": "curvature", "opacity_by": "depth", "wobble_px": 3},
+            },
+            "shading": {"fill": "none"},
+        },
+    ),
+    Effect(
+        "sketch",
+        "slab",
+        "Strokes wide near the eye, ridges in another colour",
+        {
+            "lines": {
+                "method": "strokes",
+                "silhouette": {"width": 5},
+                "ridge": RED | {"width": 4},
+                "stroke": {"width_by": "depth", "wobble_px": 3},
+            },
+            "shading": {"fill": "white"},
+        },
+    ),
+    Effect(
+        "dashed",
+        "slab",
+        "Dashed strokes",
+        {"lines": {"method": "strokes", "silhouette": {"width": 3}, "ridge": BLUE, "stroke": {"dash": [14, 6, 3, 6]}}},
+    ),
     Effect("white", "slab", "Over white", {"lines": {"ridge": {}}, "shading": {"fill": "white"}}),
     Effect("lines_alone", "knot", "Lines alone, on a transparent picture", {"lines": {}, "shading": {"fill": "none"}}),
     *(
@@ -107,6 +149,19 @@ EFFECTS = (
     ),
     Effect("hidden", "slab", "Hidden ones dashed", {"kinds": ["silhouette", "ridge", "valley"]}, vector=True),
     Effect("smooth", "knot", "Rounded within a pixel", {"visible_only": True, "smooth_px": 1.0}, vector=True),
+    Effect(
+        "ink",
+        "knot",
+        "Ink: widths by curvature, with a wobble, SVG",
+        {
+            "visible_only": True,
+            "simplify_px": 0.5,
+            "smooth_px": 0.5,
+            "line_width": {"silhouette": 5},
+            "stroke": {"width_by": "curvature", "least": 0.2, "wobble_px": 1.5},
+        },
+        vector=True,
+    ),
 )
 
 

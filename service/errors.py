@@ -127,11 +127,11 @@ def validation_problem(fields: list[dict[str, str]]) -> Problem:
 
 def _field(fault: Mapping[str, Any]) -> str:
     """Name of the field a fault is about, as `objects[2].mesh`, without where it came in and pydantic's names of union members."""
+    between = (fault.get("ctx") or {}).get("field")
     parts = [f"[{part}]" if isinstance(part, int) else str(part) for part in fault["loc"] if part not in FORMS]
-    if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
+    if (len(parts) > 1 or (parts and between)) and parts[0] in ("body", "query", "path", "header"):
         parts = parts[1:]
     parts = [part for part in parts if part.startswith("[") or all(c.isalnum() or c in "_." for c in part)]
-    between = (fault.get("ctx") or {}).get("field")
     return ".".join([*parts, between] if between else parts).replace(".[", "[") or "body"
 
 

@@ -33,14 +33,14 @@ class ServiceSettings(BackendSettings):
     max_pixels: int = Field(MAX_SIDE_PX**2, ge=1, description="largest picture, width times height")
     max_faces: int | None = Field(None, ge=1, description="faces of the largest mesh; none: what a worker takes")
 
-    max_upload_mib: int = Field(512, ge=1, description="largest upload that is taken")
+    max_upload_mib: int = Field(512, ge=1, description="largest upload that is taken, and largest file of positions")
     keep_free_mib: int = Field(256, ge=0, description="free disk that an upload must leave")
     max_body_kib: int = Field(1024, ge=1, description="largest body of any other request")
 
     once_timeout_s: float = Field(60.0, gt=0.0, description="longest a mesh that is not kept may take until it can be drawn")
 
     render_depth: int = Field(8, ge=1, description="renders that may wait for the one GL thread; more are told to come back")
-    render_timeout_s: float = Field(30.0, gt=0.0, description="longest a request waits for its picture")
+    render_timeout_s: float = Field(30.0, gt=0.0, description="longest a request waits for its picture, or for each one of a sequence")
     asset_cache_mib: int = Field(1024, ge=1, description="mesh data kept mapped for rendering and silhouettes")
     gpu_cache_mib: int = Field(512, ge=1, description="meshes and maps kept by the renderer")
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import orjson
 import typer
 from rich.table import Column, Table
@@ -12,7 +14,10 @@ from rich.table import Column, Table
 from client.api import DEFAULT_URL, Client
 from client.commands.choosing import IdArgument, Key, Url, chosen
 from client.commands.console import err, escaped, out, print_json, write
+from client.commands.viewing import by_suffix
+from client.positions import original_of
 from client.progress import upload_and_wait
+from schemas.artifacts import ORIGINAL_GLB
 from schemas.mesh import DEFAULT_HULL_FACES, DEFAULT_TEXELS, MeshInfo
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
@@ -110,6 +115,26 @@ def hull(
     """
     with chosen(url, mesh, key) as (client, mesh_id):
         body = client.hull(mesh_id, faces, "inner" if inner else "outer")
+    write(output, body, f"{len(body) / 1024:.1f} KiB")
+
+
+def original(
+    mesh: IdArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .glb, or .npy for the vertices; - for GLB to stdout.")],
+    url: Url = DEFAULT_URL,
+    key: Key = None,
+) -> None:
+    """Write a mesh as the service has it: the vertices that `--positions` moves, in their order, and its faces.
+
+    `silhouette original 3f2a91 -o rest.npy`, then move what it holds and `silhouette frames 3f2a91 --positions moved.npy -o moved.webp`
+    """
+    as_array = by_suffix(output, {".glb": False, ".npy": True}, False)
+    with chosen(url, mesh, key) as (client, mesh_id):
+        body = client.download(mesh_id, ORIGINAL_GLB)
+    if as_array:
+        array_file = io.BytesIO()
+        np.save(array_file, original_of(body).positions, allow_pickle=False)
+        body = array_file.getvalue()
     write(output, body, f"{len(body) / 1024:.1f} KiB")
 
 

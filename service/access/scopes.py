@@ -14,13 +14,14 @@ READING_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 RULES: tuple[tuple[re.Pattern[str], Scope], ...] = (
     (re.compile(r"/v1/keys(/.*)?"), Scope.ADMIN),
     (re.compile(r"/metrics"), Scope.ADMIN),
-    (re.compile(r"/v1/meshes/[^/]+/(render|silhouette)"), Scope.READ),
+    (re.compile(r"/v1/meshes/[^/]+/(render|silhouette|frames)"), Scope.READ),
     (re.compile(r"/v1/(scenes/render|sign)"), Scope.READ),
 )
 """Addresses whose scope does not follow from the method; the rest reads by GET and writes by any other."""
 
 PICTURES = re.compile(
-    r"/v1/(render|silhouette|scenes/render)|/v1/meshes/[^/]+/((render|silhouette|thumbnail|accuracy)(\.[a-z]+)?|artifacts/hull\.glb)"
+    r"/v1/(render|silhouette|scenes/render)"
+    r"|/v1/meshes/[^/]+/((render|silhouette|thumbnail|turntable|accuracy)(\.[a-z]+)?|frames|artifacts/hull\.glb)"
 )
 """Addresses that draw, extract or cut: what a limit on work at once is about."""
 

@@ -25,7 +25,8 @@ PURPOSE = b"silhouette signed address 1"
 
 DOWNLOAD_NAMES = "|".join(map(re.escape, DOWNLOADS))
 SIGNABLE = re.compile(
-    rf"/v1/meshes/[0-9a-f]{{32}}/((thumbnail|render)\.(png|webp|jpg)|(silhouette|accuracy)\.svg|artifacts/({DOWNLOAD_NAMES}))"
+    r"/v1/meshes/[0-9a-f]{32}/"
+    rf"((thumbnail|render)\.(png|webp|jpg)|turntable\.(png|webp)|(silhouette|accuracy)\.svg|artifacts/({DOWNLOAD_NAMES}))"
 )
 NOT_SIGNABLE = "Pictures, drawings and downloads of a mesh can be signed, without host and fragment: /v1/meshes/ID/thumbnail.webp?size=256"
 

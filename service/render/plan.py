@@ -9,8 +9,8 @@ import numpy as np
 
 from schemas.conventions import F8
 from schemas.errors import CapabilityError, InvalidRequestError
-from schemas.lines import Lines
-from schemas.render import Accuracy, Antialias, RenderRequest, ShadingMode, Source
+from schemas.lines import LineMethod, Lines
+from schemas.render import Accuracy, Antialias, Fill, RenderRequest, ShadingMode, Source
 from service.assets import MeshAsset
 from service.camera import View
 from service.costs import GRID, NOMINAL, CostModel, ViewTerms
@@ -121,10 +121,14 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
         passes = passes_of(source, antialias)
     if accuracy.smooth and area.width:
         passes |= {"smooth"}
-    closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, view.eye))
+    closed = source is Source.CLIPPED or (asset.encloses and _is_outside_box(asset, view.eye))
+    if asset.base is not None and area.width:
+        passes |= {"deform"}
     if lines is not None:
         closed = closed and lines.orientation == "trusted"
         passes |= line_passes(lines, asset, closed) if area.width else frozenset()
+        if lines.method is LineMethod.STROKES and request.shading.fill is Fill.NONE:
+            passes -= {"surface"}  # which hides nothing that has not been left out already
     deep = is_deep(passes)
     marked = deep and lines is not None and is_translucent(lines)
     return Plan(choice, mode, passes, closed, area, accuracy.smooth, lines, deep, marked)

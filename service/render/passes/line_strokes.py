@@ -17,8 +17,10 @@ from schemas.lines import LineMethod, Lines, LineStyle
 from service.kernels.stroke_turns import turns_at_ends
 from service.kernels.strokes import LARGEST_GAIN, Pen, StrokeView, corners_of, make_strokes
 from service.render.deep import NEAREST_PART, depth_row, pixel_depth
-from service.render.line_plan import reference_depth
+from service.render.line_plan import DRAWN_KINDS, reference_depth
 from service.render.state import FrameState, Strokes
+from service.silhouette.lines import KINDS, VectorLines
+from service.silhouette.strokes import opacity_levels, triangles_of
 
 ROUND_PX = 0.3
 """How far a round end may be off a circle, pixels."""
@@ -30,12 +32,17 @@ FOLD_PX = 2.0
 """Silhouettes are drawn farther by so many pixels' sizes: what is behind a fold must be farther than that, so that
 the roughness of scans is not all lines."""
 FIT_MARGIN = 1.02
+NEAREST = 1.0
+"""Depth that nothing hides."""
 
 
 def make_line_strokes(frame: FrameState) -> None:
     """Make `frame.strokes` for the passes that draw them."""
     lines = frame.plan.lines
     assert lines is not None
+    if frame.vector_lines is not None:
+        frame.strokes["strokes"] = _vector_strokes(frame.vector_lines, lines)
+        return
     view, style = stroke_view(frame), lines.silhouette or LineStyle()
     if "lines_back" in frame.line_ends:
         ends, fattened = frame.line_ends["lines_back"], lines.method is LineMethod.FATTENED
@@ -46,6 +53,18 @@ def make_line_strokes(frame: FrameState) -> None:
         frame.strokes["charcoal"] = [_strokes(frame, view, pen, frame.line_ends["charcoal"], style, True)]
     if "line_edges" in frame.plan.passes:
         frame.strokes["line_edges"] = _feature_strokes(frame, view, lines)
+
+
+def _vector_strokes(found: VectorLines, lines: Lines) -> list[Strokes]:
+    """Those of the vector lines, the kind that is drawn over all others last; of those that are blended, each level of their opacity."""
+    made = []
+    for kind in reversed(DRAWN_KINDS):
+        style: LineStyle | None = getattr(lines, kind)
+        if style is None:
+            continue
+        for opacity, level in opacity_levels(found.chosen(found.kinds == KINDS.index(kind)), style.opacity):
+            made.append(Strokes(style.model_copy(update={"opacity": opacity}), *triangles_of(level, style.width, NEAREST)))
+    return made
 
 
 def stroke_view(frame: FrameState) -> StrokeView:

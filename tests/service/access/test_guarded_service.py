@@ -1,5 +1,6 @@
 """A service with keys over real HTTP: who comes in, how far, and what is said to the others."""
 
+import json
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -194,6 +195,9 @@ def test_a_picture_over_the_keys_pixels_is_refused_wherever_it_is_asked_for(guar
             http.get(f"{base}/render.png?width=101&height=100"),
             http.get(f"{base}/thumbnail.png?size=101"),
             http.post(f"{base}/render", json=wide),
+            http.get(f"{base}/turntable.webp?frames=2&width=101&height=100"),
+            http.post(f"{base}/frames", json={"turn": {"degrees": 90}, "frames": 2, **wide}),
+            http.post(f"{base}/render", files={"request": (None, json.dumps(wide)), "positions": ("p.bin", b"")}),
             http.post("/v1/scenes/render", json={"objects": [{"mesh": guarded_cube.id}], **wide}),
             http.post("/v1/render?name=cube.ply&width=101&height=100", content=cube_ply),
         ):
@@ -201,11 +205,13 @@ def test_a_picture_over_the_keys_pixels_is_refused_wherever_it_is_asked_for(guar
             assert "10000" in answer.json()["detail"] and "max_pixels" in answer.json()["detail"]
 
 
-def test_an_upload_over_the_keys_size_is_413_and_names_the_limit(guarded):
+def test_an_upload_over_the_keys_size_is_413_and_names_the_limit(guarded, guarded_cube):
     with guarded.http("small") as http:
         answer = http.post("/v1/meshes?name=big.ply", content=bytes((1 << 20) + 1))
-    assert answer.status_code == 413
-    assert "1 MiB" in answer.json()["detail"] and "max_upload_mib" in answer.json()["detail"]
+        moved = http.post(f"/v1/meshes/{guarded_cube.id}/render", files={"positions": ("p.bin", bytes((1 << 20) + 1))})
+    for refused in (answer, moved):
+        assert refused.status_code == 413
+        assert "1 MiB" in refused.json()["detail"] and "max_upload_mib" in refused.json()["detail"]
 
 
 def test_a_mesh_of_too_many_faces_fails_for_that_key_and_not_for_another(guarded, knot_ply):

@@ -12,6 +12,7 @@ ADMINISTERS = {("GET", "/v1/keys"), ("POST", "/v1/keys"), ("GET", "/v1/keys/{key
 READS_BY_POST = {
     ("POST", "/v1/meshes/{mesh_id}/render"),
     ("POST", "/v1/meshes/{mesh_id}/silhouette"),
+    ("POST", "/v1/meshes/{mesh_id}/frames"),
     ("POST", "/v1/scenes/render"),
     ("POST", "/v1/sign"),
 }
@@ -50,6 +51,9 @@ def test_all_that_draws_counts_as_work_and_nothing_else(routes):
     assert work == {
         *("/v1/render", "/v1/silhouette", "/v1/scenes/render"),
         *(f"/v1/meshes/{{mesh_id}}/{name}" for name in ("render", "render.{suffix}", "thumbnail.{suffix}", "silhouette")),
-        *(f"/v1/meshes/{{mesh_id}}/{name}" for name in ("silhouette.{suffix}", "accuracy", "accuracy.svg", "artifacts/{name}")),
+        *(
+            f"/v1/meshes/{{mesh_id}}/{name}"
+            for name in ("turntable.{suffix}", "frames", "silhouette.{suffix}", "accuracy", "accuracy.svg", "artifacts/{name}")
+        ),
     }
     assert not is_picture("/v1/meshes/x/artifacts/normal.png")

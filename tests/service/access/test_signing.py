@@ -163,7 +163,16 @@ def test_what_is_no_picture_of_a_mesh_cannot_be_signed(address):
 
 @pytest.mark.parametrize(
     "name",
-    ["thumbnail.png", "thumbnail.jpg", "render.webp", "silhouette.svg", "accuracy.svg", "artifacts/hull.glb", "artifacts/normal.png"],
+    [
+        "thumbnail.png",
+        "thumbnail.jpg",
+        "render.webp",
+        "turntable.webp",
+        "silhouette.svg",
+        "accuracy.svg",
+        "artifacts/hull.glb",
+        "artifacts/normal.png",
+    ],
 )
 def test_pictures_drawings_and_downloads_can_be_signed(name):
     verified(signed(f"/v1/meshes/{MESH}/{name}").url)

@@ -33,6 +33,18 @@ def test_lines_are_drawn_on_the_original_with_samples():
     assert plan({"method": "wireframe"}).error_px is None
 
 
+def test_strokes_add_their_passes_and_leave_out_a_surface_that_nobody_sees():
+    strokes = {"vector_lines", "line_strokes", "strokes"}
+    assert added({"method": "strokes"}) == strokes
+    assert added({"method": "strokes", "stroke": {"width_by": "depth"}}) == strokes
+    assert added({"method": "strokes", "silhouette": None, "boundary": None}) == set()
+    for fill in ("shaded", "white", "none"):
+        assert ("surface" in plan({"method": "strokes"}, shading={"fill": fill}).passes) == (fill != "none")
+    for stroke, resolved in (({}, False), ({"width_by": "depth"}, False), ({"opacity_by": "depth"}, True)):
+        lines = {"method": "strokes", "stroke": stroke}
+        assert ("resolve" in plan(lines, accuracy={"antialias": "none"}).passes) == resolved
+
+
 def test_each_effect_adds_its_own_passes_and_no_other():
     strokes = {"line_faces", "line_strokes", "lines_back"}
     assert added({"method": "wireframe"}) == strokes
@@ -61,7 +73,7 @@ def test_a_picture_without_lines_has_none_of_their_passes():
         assert not plan(None, asset=asset).passes & LINE_PASSES
 
 
-LINE_PASSES = {"edge_mesh", "first_layer", "line_faces", "line_strokes", "charcoal", "lines_back", "line_edges"}
+LINE_PASSES = {"edge_mesh", "vector_lines", "strokes", "first_layer", "line_faces", "line_strokes", "charcoal", "lines_back", "line_edges"}
 
 
 def test_translucent_lines_are_resolved_even_without_samples():
@@ -84,6 +96,12 @@ def test_translucent_lines_are_resolved_even_without_samples():
         ({"method": "wireframe", "charcoal": True}, {}, "lines.charcoal"),
         ({"method": "translated", "declutter": True}, {}, "lines.declutter"),
         ({"method": "fattened", "pull": {"amount": 0.1}}, {}, "lines.pull"),
+        ({"method": "edge_mesh", "stroke": {}}, {}, "lines.stroke"),
+        ({"method": "wireframe", "stroke": {"dash": [3, 2]}}, {}, "lines.stroke"),
+        ({"method": "strokes", "pull": {"amount": 0.1}}, {}, "lines.pull"),
+        ({"method": "strokes", "scale": "distance"}, {}, "lines.scale"),
+        ({"method": "strokes", "orientation": "any"}, {}, "lines.orientation"),
+        ({"method": "strokes", "charcoal": True}, {}, "lines.charcoal"),
         ({"method": "translated", "pull": {"amount": 1.0}}, {}, "lines.pull.amount"),
         ({"method": "fattened", "charcoal": True}, {"shading": {"fill": "white"}}, "shading.fill"),
         (None, {"shading": {"fill": "white"}}, "shading.fill"),
@@ -133,11 +151,17 @@ def test_depth_is_in_floats_where_meshes_are_near_and_far_and_lines_ask_for_it()
 def test_the_area_holds_what_lines_have_beyond_the_mesh():
     narrow, wide = (plan({"method": "fattened", "silhouette": {"width": width}}).area for width in (1.0, 60.0))
     assert wide.width >= narrow.width + 2 * 58
+    still, wobbling = (plan({"method": "strokes", "stroke": {"wobble_px": reach}}).area for reach in (0.0, 30.0))
+    assert wobbling.width >= still.width + 2 * 29
 
 
 def test_plans_with_lines_are_told_with_a_reason_and_a_cost_for_every_pass():
     order = [step.name for step in FRAME]
-    for lines in ({"method": "translated"}, {"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}):
+    for lines in (
+        {"method": "translated"},
+        {"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}},
+        {"method": "strokes"},
+    ):
         report = explain(RenderRequest(lines=lines), bare("sphere"), CostModel("a device", NOMINAL))
         names, left_out = [one.name for one in report.passes], [one.name for one in report.left_out]
         assert sorted(names + left_out, key=order.index) == order
