@@ -9,6 +9,7 @@ with Client("http://127.0.0.1:8000") as client:
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from pydantic_core import to_jsonable_python
 
 from client.errors import MeshFailedError, UnreachableError, error_of
 from client.positions import Original, Positions, opened, original_of
+from schemas.access import DEFAULT_SIGNED_S, KeyInfo, KeyPage, MadeKey, SignedUrl
 from schemas.ladder import AccuracyReport
 from schemas.mesh import MeshInfo, MeshPage, MeshStatus, Problem
 from schemas.plan import PlanReport
@@ -29,6 +31,7 @@ from schemas.render import ImageFormat
 from schemas.sequence import SequenceFormat
 
 DEFAULT_URL = "http://127.0.0.1:8000"
+KEY_VARIABLE = "SILHOUETTE_API_KEY"
 SEQUENCE_TIMEOUT = httpx.Timeout(3600.0, connect=5.0)
 """A sequence is answered when all of it is drawn."""
 CHUNK_BYTES = 1 << 18
@@ -64,11 +67,16 @@ class Picture:
 
 
 class Client:
-    """Talks to one service. Every call raises a `client.errors.ServiceError` when it does not succeed."""
+    """Talks to one service. Every call raises a `client.errors.ServiceError` when it does not succeed.
 
-    def __init__(self, base_url: str = DEFAULT_URL, timeout_s: float = 60.0) -> None:
+    key: the API key that the service asks for; that of the environment's SILHOUETTE_API_KEY if not given.
+    """
+
+    def __init__(self, base_url: str = DEFAULT_URL, timeout_s: float = 60.0, key: str | None = None) -> None:
         self.base_url = base_url.rstrip("/")
-        self._http = httpx.Client(base_url=self.base_url, timeout=httpx.Timeout(timeout_s, connect=5.0))
+        key = key or os.environ.get(KEY_VARIABLE)
+        headers = {"Authorization": f"Bearer {key}"} if key else {}
+        self._http = httpx.Client(base_url=self.base_url, timeout=httpx.Timeout(timeout_s, connect=5.0), headers=headers)
 
     def __enter__(self) -> Self:
         return self
@@ -203,6 +211,23 @@ class Client:
         """A hull of at most so many faces as binary glTF, without maps; side `outer` encloses the mesh, `inner` is enclosed by it."""
         query = {"side": side} if faces is None else {"side": side, "faces": str(faces)}
         return self._send("GET", f"/v1/meshes/{mesh_id}/artifacts/hull.glb", params=query).content
+
+    def sign(self, address: str, expires_in_s: int = DEFAULT_SIGNED_S) -> str:
+        """The whole address of a picture, drawing or download (`/v1/meshes/ID/thumbnail.webp?size=256`), good without a key for a while."""
+        answer = self._send("POST", "/v1/sign", json={"url": address, "expires_in_s": expires_in_s})
+        return self.base_url + SignedUrl.model_validate_json(answer.content).url
+
+    def keys(self) -> Sequence[KeyInfo]:
+        """The keys of the service; needs the scope admin, as the next two."""
+        return KeyPage.model_validate_json(self._send("GET", "/v1/keys").content).keys
+
+    def add_key(self, name: str, **fields: Any) -> MadeKey:
+        """Make a key; `fields` are the rest of `schemas.access.NewKey`. Its token is in the answer alone."""
+        return MadeKey.model_validate_json(self._send("POST", "/v1/keys", json=_body({"name": name, **fields})).content)
+
+    def revoke_key(self, key_id: str) -> None:
+        """Revoke a key and all that it signed."""
+        self._send("DELETE", f"/v1/keys/{key_id}")
 
     def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:
         with self._reaching():

@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import typer
 
+from client.commands import access
 from client.commands.accuracy import accuracy
 from client.commands.console import err, escaped
 from client.commands.meshes import delete, hull, info, list_meshes, original, upload
@@ -43,10 +44,12 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "list": list_meshes,
     "info": info,
     "delete": delete,
+    "sign": access.sign,
 }
 """Every command, in the order of the help."""
 for name, command in COMMANDS.items():
     app.command(name)(command)
+app.add_typer(access.keys, name="keys")
 
 
 def main() -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 from collections.abc import AsyncIterator, Mapping
-from contextlib import suppress
 from typing import BinaryIO, TypeVar
 
 from anyio import to_thread
@@ -20,6 +18,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import Scope
 
 from schemas.errors import InvalidRequestError, TooLargeError
+from service.draining import drain
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -32,9 +31,6 @@ WRITE_BYTES = 1 << 20
 
 FIELD_BYTES, MOST_FIELDS = 1 << 12, 16
 """Largest form field that is not the file, unless told otherwise, and how many there may be."""
-
-DRAIN_BYTES, DRAIN_S = 64 << 20, 2.0
-"""How much of a refused body is still read, so that a client that only reads after writing gets to see why."""
 
 
 def content_type_of(headers: Mapping[str, str]) -> tuple[str, bytes]:
@@ -75,13 +71,9 @@ class Body:
 
     async def drain(self) -> None:
         """Swallow the rest, within bounds."""
-        seen = 0
-        with suppress(TimeoutError, ClientDisconnect):
-            async with asyncio.timeout(DRAIN_S):
-                async for chunk in self.chunks():
-                    seen += len(chunk)
-                    if seen > DRAIN_BYTES:
-                        return
+        if not self._ended:
+            self._ended = True
+            await drain(self._request.receive)
 
 
 class Spool:
@@ -187,4 +179,4 @@ async def receive_form(
 
 def too_large(max_bytes: int) -> TooLargeError:
     """The refusal of a file over the limit."""
-    return TooLargeError(f"The upload is larger than the {max_bytes / 2**20:g} MiB that are taken here.", limit=max_bytes)
+    return TooLargeError(f"The upload is larger than the {max_bytes / 2**20:g} MiB that are taken here (max_upload_mib).", limit=max_bytes)

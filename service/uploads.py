@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from schemas.errors import InvalidRequestError, MeshRejectedError, StorageFullError, TooLargeError, UnknownFormatError
 from schemas.mesh import PreprocessOptions
+from service.access.caller import Caller
 from service.forms import FIELD_BYTES, Body, Spool, content_type_of, is_form, receive_form, too_large
 
 CONTENT_TYPES = {
@@ -40,10 +41,17 @@ NAME_CHARS = 200
 
 @dataclass(frozen=True)
 class UploadLimits:
-    """Bounds of an upload: the most bytes taken from anyone, and the bytes the store can still give away."""
+    """Bounds of an upload: the most bytes, the bytes the store can still give away, and the most faces; None: what a worker takes."""
 
     max_bytes: int
     room_bytes: int
+    max_faces: int | None = None
+
+    def of(self, caller: Caller) -> UploadLimits:
+        """The same for one caller, who may have tighter ones."""
+        own = caller.limits
+        max_bytes = self.max_bytes if own.max_upload_mib is None else min(self.max_bytes, own.max_upload_mib * 2**20)
+        return UploadLimits(max_bytes, self.room_bytes, own.max_faces)
 
 
 @dataclass(frozen=True)
@@ -94,7 +102,7 @@ async def receive_upload(request: Request, file: BinaryIO, limits: UploadLimits,
     if spool.size == 0:
         raise MeshRejectedError("The upload is empty: it has no bytes.", code="empty-file")
     name, extension, options = described
-    return Upload(spool.digest.hexdigest(), spool.size, name, extension, options, kept)
+    return Upload(spool.digest.hexdigest(), spool.size, name, extension, options.narrowed(limits.max_faces), kept)
 
 
 def _described(fields: Mapping[str, str], content_type: str) -> tuple[str, str, PreprocessOptions]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +62,8 @@ def load_mesh(
     """
     kind = normal_extension(extension)
     progress(0.0)
+    if options.max_faces is not None:
+        limits = replace(limits, max_faces=min(limits.max_faces, options.max_faces))
     parsed = parse_limited(path, kind, limits)
     progress(0.5)
     return build(parsed, options, progress)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from client.api import DEFAULT_URL
-from client.commands.choosing import MeshArgument, Once, Url, chosen, unkept
+from client.commands.choosing import Key, MeshArgument, Once, Url, chosen, unkept
 from client.commands.console import write
 from client.commands.viewing import (
     Azimuth,
@@ -68,6 +68,7 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     positions: Moved = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Render a picture of a mesh.
 
@@ -108,10 +109,10 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     }
     if once:
         _unmoved(positions)
-        with unkept(url, mesh) as (client, path):
+        with unkept(url, mesh, key) as (client, path):
             picture = client.picture_once(path, **fields)
     else:
-        with chosen(url, mesh) as (client, mesh_id):
+        with chosen(url, mesh, key) as (client, mesh_id):
             picture = client.picture(mesh_id, positions=positions, **fields)
     write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
 
@@ -152,6 +153,7 @@ def silhouette(  # noqa: PLR0913 - as above
     positions: Moved = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Write the silhouette of a mesh as a drawing (SVG, DXF) or as edges and closed contours (JSON).
 
@@ -177,9 +179,9 @@ def silhouette(  # noqa: PLR0913 - as above
     fields |= {"line_width": {} if line_width is None else dict.fromkeys(LineKind, line_width), "stroke": stroke_of(stroke)}
     if once:
         _unmoved(positions)
-        with unkept(url, mesh) as (client, path):
+        with unkept(url, mesh, key) as (client, path):
             body = client.silhouette_once(path, form, **fields)
     else:
-        with chosen(url, mesh) as (client, mesh_id):
+        with chosen(url, mesh, key) as (client, mesh_id):
             body = client.silhouette_document(mesh_id, form, positions=positions, **fields)
     write(output, body, f"{len(body) / 1024:.1f} KiB")

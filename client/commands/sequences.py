@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from client.api import DEFAULT_URL
-from client.commands.choosing import MeshArgument, Url, chosen
+from client.commands.choosing import Key, MeshArgument, Url, chosen
 from client.commands.console import err, write
 from client.commands.pictures import lines_of
 from client.commands.viewing import Azimuth, Elevation, Eye, Fov, Moved, Size, Target, by_suffix, camera_of, sides_of
@@ -48,6 +48,7 @@ def turntable(  # noqa: PLR0913 - the options of a command are its language
     ridges: Ridges = False,
     fill: Under = Fill.SHADED,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Render a mesh turning round, as an animation or as numbered pictures.
 
@@ -61,7 +62,7 @@ def turntable(  # noqa: PLR0913 - the options of a command are its language
         **_common(size, fps, background, shading, fill),
         "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges),
     }
-    _draw(url, mesh, output, fields)
+    _draw((url, key), mesh, output, fields)
 
 
 def frames(  # noqa: PLR0913 - as above
@@ -87,6 +88,7 @@ def frames(  # noqa: PLR0913 - as above
     ridges: Ridges = False,
     fill: Under = Fill.SHADED,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Render a mesh whose vertices move: the positions of all frames in one file, those of a frame after those of another.
 
@@ -104,7 +106,7 @@ def frames(  # noqa: PLR0913 - as above
         **_common(size, fps, background, shading, fill),
         "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges),
     }
-    _draw(url, mesh, output, fields, positions, file_order=file_order)
+    _draw((url, key), mesh, output, fields, positions, file_order=file_order)
 
 
 def _common(size: str, fps: float, background: str, shading: ShadingMode, fill: Fill) -> dict[str, Any]:
@@ -113,10 +115,19 @@ def _common(size: str, fps: float, background: str, shading: ShadingMode, fill: 
     return {"width": width, "height": height, "fps": fps, "background": background, "shading": {"mode": shading, "fill": fill}}
 
 
-def _draw(url: str, mesh: str, output: Path, fields: dict[str, Any], positions: Path | None = None, *, file_order: bool = False) -> None:
-    """Have it drawn, and write it."""
+def _draw(
+    service: tuple[str, str | None],
+    mesh: str,
+    output: Path,
+    fields: dict[str, Any],
+    positions: Path | None = None,
+    *,
+    file_order: bool = False,
+) -> None:
+    """Have it drawn by a service (its address, and the key it asks for), and write it."""
     form = by_suffix(output, SUFFIXES, SequenceFormat.WEBP)
-    with chosen(url, mesh) as (client, mesh_id), err.status("frames are being drawn"):
+    url, key = service
+    with chosen(url, mesh, key) as (client, mesh_id), err.status("frames are being drawn"):
         moved: Positions | None = positions
         if file_order and positions is not None:
             moved = client.original(mesh_id).ordered(np.load(positions, allow_pickle=False))

@@ -10,11 +10,14 @@ from schemas.mesh import PreprocessOptions, Problem
 from service.errors import PROBLEM_JSON
 
 PROBLEMS = {
+    401: "No key, or one that is not good here",
+    403: "The key has not the scope, or the signature does not fit",
     404: "There is no such mesh",
     406: "None of the types in Accept can be produced",
     409: "The mesh is accepted, but not processed yet",
     413: "Over the size limit",
     415: "No loader knows this format",
+    429: "The key is over its own quota; come back after Retry-After seconds",
     422: "The request is wrong (`errors` names the fields), or the mesh cannot be used",
     503: "Busy; come back after Retry-After seconds",
     507: "The store has no room",

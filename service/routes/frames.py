@@ -11,6 +11,7 @@ from schemas.conventions import Array
 from schemas.errors import NotFoundError
 from schemas.manifest import Manifest
 from schemas.sequence import SequenceFormat, SequenceRequest
+from service.access.caller import caller_of
 from service.animation import animation
 from service.assets import state_of
 from service.caching import NOT_KEPT, REVALIDATE, entity_tag, not_modified
@@ -80,6 +81,7 @@ async def sequence(
     manifest: Manifest, wanted: SequenceRequest, poses: Array | None, form: SequenceFormat, request: Request, parts: Services
 ) -> Response:
     """The frames of a mesh, whose vertices are in as many poses, or in one, or stay where they are."""
+    caller_of(request).check_picture(wanted.width, wanted.height)
     limit_s = parts.settings.render_timeout_s
     asset = await wait_for(request, parts.cpu.submit(parts.assets.get, manifest), limit_s)
     drawn = await Drawing(request, parts, asset, wanted, poses).frames(form)

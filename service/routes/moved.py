@@ -22,6 +22,7 @@ from schemas.manifest import Manifest
 from schemas.plan import PlanReport
 from schemas.render import RenderRequest, SilhouetteRequest
 from schemas.sequence import SequenceRequest
+from service.access.caller import caller_of
 from service.assets import MeshAsset
 from service.caching import NOT_KEPT
 from service.forms import REQUEST, Body, Spool, content_type_of, is_form, parsed, receive_form
@@ -79,6 +80,7 @@ async def render_moved(mesh_id: str, request: Request, parts: Parts, explain: An
     limit_s = parts.settings.render_timeout_s
     async with asked(mesh_id, request, parts, RenderRequest) as form:
         wanted, accept = form.wanted, request.headers.get("accept")
+        caller_of(request).check_picture(wanted.width, wanted.height)
         if explain or (wanted.format is None and wants_json(accept)):
             return await _plan(form, request, parts)
         encoding = wanted.format or image_format(accept)
@@ -126,7 +128,7 @@ async def asked(mesh_id: str, request: Request, parts: Services, model: type[Wan
     with parts.store.temporary() as file:
         try:
             manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
-            limits = parts.upload_limits
+            limits = parts.upload_limits.of(caller_of(request))
             check_room(int(request.headers.get("content-length", "0")), limits)
             spool, boundary = Spool(file, limits.max_bytes), content_type_of(request.headers)[1]
             fields, name = await receive_form(body, boundary, spool, FIELD, parts.settings.max_body_kib * 1024)

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from schemas.errors import InvalidRequestError
 from schemas.render import ImageFormat, RenderRequest, Silhouette, SilhouetteRequest
+from service.access.caller import caller_of
 from service.caching import NOT_KEPT
 from service.forms import REQUEST, parsed
 from service.negotiation import IMAGE_TYPES, choose, image_format
@@ -65,6 +66,7 @@ async def render_once(view: Annotated[OnceRenderQuery, Query()], request: Reques
         by_query = view.request(image_format(request.headers.get("accept")))
     async with mesh_of(request, parts, _beside(view)) as mesh:
         wanted = _wanted(RenderRequest, mesh, view, by_query)
+        caller_of(request).check_picture(wanted.width, wanted.height)
         wanted = wanted if wanted.format else wanted.model_copy(update={"format": by_query.format})
         image = await wait_for(request, parts.renderer.submit_once(mesh.asset, wanted), parts.settings.render_timeout_s)
     clock = Stopwatch()

@@ -13,6 +13,7 @@ from schemas.errors import NotFoundError, NotReadyError
 from schemas.manifest import Manifest
 from schemas.plan import PlanReport
 from schemas.render import Accuracy, ImageFormat, RenderRequest, Source
+from service.access.caller import caller_of
 from service.assets import CLIP, READY, state_of
 from service.caching import IMMUTABLE, NOT_KEPT, REVALIDATE, entity_tag, not_modified
 from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format, wants_json
@@ -86,6 +87,7 @@ def _encoding(suffix: str) -> ImageFormat:
 
 async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services, cache_control: str) -> Response:
     """Render `wanted`, whose format is set, unless the client has it already."""
+    caller_of(request).check_picture(wanted.width, wanted.height)
     manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
     check_drawable(manifest, wanted.accuracy)
     if manifest.status != READY:

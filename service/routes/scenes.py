@@ -10,6 +10,7 @@ from fastapi import APIRouter, Request, Response
 from schemas.errors import SilhouetteError
 from schemas.manifest import Manifest
 from schemas.scene import SceneRequest
+from service.access.caller import caller_of
 from service.assets import state_of
 from service.caching import REVALIDATE, entity_tag, not_modified
 from service.errors import located
@@ -36,6 +37,7 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
 
     With `lines` all are drawn together from their originals, so that lines of one are hidden by the others.
     """
+    caller_of(request).check_picture(body.width, body.height)
     encoding = body.format or image_format(request.headers.get("accept"))
     wanted = body.model_copy(update={"format": encoding})
     manifests = await to_thread.run_sync(_manifests, parts, wanted)
