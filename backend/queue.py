@@ -51,13 +51,19 @@ def connect(url: str, password_file: Path | None = None, ca_file: Path | None = 
 
     password_file: its first line is the password. ca_file: certificates that the server's is to be signed by, instead of the system's.
     """
-    more: dict[str, Any] = {}
-    if password_file is not None:
-        more["password"] = password_file.read_text().partition("\n")[0].strip()
-    if ca_file is not None and url.startswith("rediss://"):
-        more["ssl_ca_certs"] = str(ca_file)
     retry = RedisRetry(ConstantBackoff(0.05), 1)
+    more = connection_options(url, password_file, ca_file)
     return redis.Redis.from_url(url, socket_timeout=SOCKET_TIMEOUT_S, socket_connect_timeout=5.0, retry=retry, **more)
+
+
+def connection_options(url: str, password_file: Path | None, ca_file: Path | None) -> dict[str, Any]:
+    """What any of redis-py's connections is to be told besides the URL."""
+    options: dict[str, Any] = {}
+    if password_file is not None:
+        options["password"] = password_file.read_text().partition("\n")[0].strip()
+    if ca_file is not None and url.startswith("rediss://"):
+        options["ssl_ca_certs"] = str(ca_file)
+    return options
 
 
 class StageQueue(Queue):

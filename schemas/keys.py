@@ -17,11 +17,12 @@ MESHES = "meshes/"
 ACCEPTED = "accepted.json"
 MANIFEST = "manifest.json"
 """Names of a mesh's records under its folder."""
+API_KEYS = "keys/"
 
 
 def mesh_id(upload_sha256: str, extension: str, options: PreprocessOptions) -> str:
     """32 hex digits naming (bytes, format, options, pipeline version): the same upload twice is the same mesh."""
-    identity = json.dumps([upload_sha256, extension, options.model_dump(mode="json"), PIPELINE_VERSION], sort_keys=True)
+    identity = json.dumps([upload_sha256, extension, options.model_dump(mode="json", exclude_none=True), PIPELINE_VERSION], sort_keys=True)
     return hashlib.sha256(identity.encode()).hexdigest()[:32]
 
 
@@ -63,3 +64,9 @@ def artifact(mesh: str, name: str) -> str:
 def manifest(mesh: str) -> str:
     """The manifest (`schemas.manifest.Manifest`), written last: ready or failed for good."""
     return f"{folder(mesh)}{MANIFEST}"
+    return f"{MESHES}{mesh}/manifest.json"
+
+
+def api_key(key_id: str) -> str:
+    """The record of an API key (`schemas.access.KeyRecord`)."""
+    return f"{API_KEYS}{key_id}.json"

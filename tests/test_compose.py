@@ -43,7 +43,8 @@ def test_compose_settings_are_valid_and_alike(compose, monkeypatch, tmp_path):
     from service.settings import ServiceSettings
     from worker.settings import WorkerSettings
 
-    assert all(compose["services"][role]["environment"] == compose["services"]["worker"]["environment"] for role in OURS)
+    shared = compose["services"]["worker"]["environment"]
+    assert all(compose["services"][role]["environment"].items() >= shared.items() for role in OURS)
     for role, model in (("service-1", ServiceSettings), ("worker", WorkerSettings)):
         for name, value in compose["services"][role]["environment"].items():
             monkeypatch.setenv(name, str(value))
@@ -84,6 +85,19 @@ def test_the_proxy_passes_on_to_every_service_and_only_it_is_reached_from_outsid
         assert line in configuration
     source = next(volume.split(":")[0] for volume in compose["services"]["proxy"]["volumes"])
     assert (ROOT / source).is_file()
+
+
+def test_compose_without_keys_starts_and_is_published_on_this_machine_alone(compose, monkeypatch, tmp_path):
+    from service.access.policy import startup_fault
+    from service.settings import ServiceSettings
+
+    for name, value in compose["services"]["service-1"]["environment"].items():
+        monkeypatch.setenv(name, str(value))
+    command = compose["services"]["service-1"]["command"]
+    settings = ServiceSettings(host=command[command.index("--host") + 1], data_dir=tmp_path)
+    assert startup_fault(settings) is None
+    assert settings.insecure
+    assert compose["services"]["proxy"]["ports"] == ["127.0.0.1:8000:8000"]
 
 
 def test_dockerfile_copies_every_package_and_only_what_exists(compose):

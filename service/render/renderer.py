@@ -35,6 +35,11 @@ class _Job:
     draw: Draw
 
 
+@dataclass(frozen=True)
+class _Forgotten:
+    asset_id: str
+
+
 class Renderer:
     """Draws frames in a thread of its own, one after the other.
 
@@ -42,7 +47,8 @@ class Renderer:
     """
 
     def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, true_times: bool = False) -> None:
-        self._jobs: queue.Queue[_Job | None] = queue.Queue(queue_depth)
+        self._jobs: queue.SimpleQueue[_Job | _Forgotten | None] = queue.SimpleQueue()
+        self._depth, self._waiting = queue_depth, 0
         self._cache_mib = gpu_cache_mib
         self._true_times = true_times
         self._thread: threading.Thread | None = None
@@ -77,7 +83,7 @@ class Renderer:
                 job = self._jobs.get_nowait()
             except queue.Empty:
                 break
-            if job is not None:
+            if isinstance(job, _Job):
                 job.future.cancel()
         self._jobs.put(None)
         self._thread.join()
@@ -89,18 +95,39 @@ class Renderer:
         """
         return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times))
 
-    def submit_drawing(self, draw: Draw) -> Future[RenderedImage]:
-        """The same for a picture of several frames."""
+    def submit_further(self, asset: MeshAsset, request: RenderRequest) -> Future[RenderedImage]:
+        """The same for a frame after one that was admitted and has been drawn: it waits for its turn behind however many wait."""
+        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), further=True)
+
+    def submit_drawing(self, draw: Draw, *, further: bool = False) -> Future[RenderedImage]:
+        """The same as `submit`, or `submit_further`, for a picture of several frames."""
         job = _Job(Future(), draw)
         with self._lock:
             if not self._open:
                 raise BusyError("the renderer is not running")
-            try:
-                self._jobs.put_nowait(job)
-            except queue.Full:
-                wait = max(LEAST_RETRY_S, self._typical_s * self._jobs.maxsize)
-                raise BusyError("too many pictures are waiting to be drawn", retry_after_s=wait) from None
+            if self._waiting >= self._depth and not further:
+                wait = max(LEAST_RETRY_S, self._typical_s * self._depth)
+                raise BusyError("too many pictures are waiting to be drawn", retry_after_s=wait)
+            self._waiting += 1
+            self._jobs.put(job)
         return job.future
+
+    def submit_once(self, asset: MeshAsset, request: RenderRequest) -> Future[RenderedImage]:
+        """The same as `submit` for an asset that is not drawn again: nothing of it stays in the GL."""
+
+        def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
+            try:
+                return render_frame(gpu, asset, request, true_times=true_times)
+            finally:
+                gpu.cache.drop(asset.id)
+
+        return self.submit_drawing(draw)
+
+    def forget(self, asset_id: str) -> None:
+        """Delete what the GL holds of an asset, once the frames that wait now are drawn; always admitted."""
+        with self._lock:
+            if self._open:
+                self._jobs.put(_Forgotten(asset_id))
 
     def _draw(self, ready: Future[None]) -> None:
         try:
@@ -111,7 +138,12 @@ class Renderer:
         self._costs = gpu.costs
         ready.set_result(None)
         while (job := self._jobs.get()) is not None:
-            self._serve(gpu, job)
+            if isinstance(job, _Forgotten):
+                gpu.cache.drop(job.asset_id)
+            else:
+                with self._lock:
+                    self._waiting -= 1
+                self._serve(gpu, job)
         gpu.release()
 
     def _serve(self, gpu: Gpu, job: _Job) -> None:
