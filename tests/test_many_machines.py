@@ -20,6 +20,7 @@ from client import Client
 from client.local import LocalService
 from client.shapes import write_ply
 from schemas.jobs import READER_FLAG, STAGES, WORKER_MODULE
+from service.access.keys import REMEMBERED_S
 from service.embedded import EmbeddedBackend
 from tests import meshes
 from tests.s3_server import S3Server
@@ -124,6 +125,26 @@ def test_a_mesh_that_is_not_kept_is_read_by_a_worker_elsewhere(machines, knot_fi
         assert answer.status_code == 200, answer.text
         assert answer.content.startswith(b"\x89PNG")
     assert httpx.get(f"{machines.a.url}/readyz").json()["checks"]["store"] == "ok"
+
+
+def keys_command(machines, *arguments, given=""):
+    command = [sys.executable, "-m", "service.access", "--data-dir", str(machines.folder / "desk"), *arguments]
+    run = subprocess.run(command, env={**os.environ, **machines.environment}, input=given, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def test_a_key_that_was_made_elsewhere_is_asked_for_by_every_service_until_it_is_revoked(machines):
+    made = json.loads(keys_command(machines, "add", given='{"name": "of tests", "scopes": ["read"]}'))
+    urls = [f"{service.url}/v1/meshes" for service in (machines.a, machines.b)]
+    try:
+        time.sleep(REMEMBERED_S + 0.5)
+        assert [httpx.get(url).status_code for url in urls] == [401, 401]
+        assert [httpx.get(url, headers={"X-API-Key": made["token"]}).status_code for url in urls] == [200, 200]
+    finally:
+        keys_command(machines, "revoke", made["id"])
+    time.sleep(REMEMBERED_S + 0.5)
+    assert [httpx.get(url).status_code for url in urls] == [200, 200]
 
 
 def test_a_store_that_is_away_is_503_with_when_to_come_back_and_loses_nothing(machines, a, tmp_path):

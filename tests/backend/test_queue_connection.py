@@ -1,5 +1,6 @@
 """A queue behind a password and TLS. The server is a real one; what speaks TLS before it is a relay, since not every build of it can."""
 
+import asyncio
 import os
 import subprocess
 import sys
@@ -9,9 +10,10 @@ import pytest
 import redis
 
 from backend.local_store import LocalStore
-from backend.queue import JobQueue, connect
+from backend.queue import JobQueue, connect, connection_options
 from backend.settings import BackendSettings
 from schemas.jobs import WORKER_MODULE
+from service.access.quotas import RequestQuota
 from service.embedded import find_server
 from tests.backend.accepting import accept
 
@@ -101,3 +103,16 @@ def test_a_worker_with_a_wrong_password_ends_with_a_sentence_that_does_not_say_i
     ended = subprocess.run([sys.executable, "-m", WORKER_MODULE], env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert ended.returncode == 1
     assert "refuses" in ended.stderr and "wrong-word" not in ended.stderr + ended.stdout
+
+
+def test_quotas_are_counted_together_over_tls_with_a_password(tls_port, certificates, password_file):
+    url = f"rediss://127.0.0.1:{tls_port}/0"
+
+    async def left():
+        quotas = [RequestQuota(url, connection_options(url, password_file, certificates[0])) for _ in range(2)]
+        counted = [(await quota.count("a-key", 5)).left for quota in quotas]
+        for quota in quotas:
+            await quota.close()
+        return counted
+
+    assert asyncio.run(left()) == [4, 3]
