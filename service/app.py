@@ -22,6 +22,7 @@ from service.assets import AssetCache
 from service.body_limit import BodyLimit
 from service.head import HeadAsGet
 from service.meshes import Meshes
+from service.picture_cache import PictureCache
 from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
 from service.routes import accuracy, artifacts, docs, health, meshes, page, render, scenes, silhouette
@@ -84,7 +85,8 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 
 def _open(settings: ServiceSettings) -> Services:
     queue = JobQueue.open(settings)
-    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib, true_times=True), None
+    limit_s = settings.render_timeout_s
+    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib, true_times=True, limit_s=limit_s), None
     try:
         renderer.start()
     except EglUnavailableError as error:  # uploads, silhouettes and downloads work without; /readyz says what is missing
@@ -98,6 +100,7 @@ def _open(settings: ServiceSettings) -> Services:
         meshes=Meshes(queue.store, queue.progress, measure=settings.measure),
         assets=AssetCache(queue.store, settings.asset_cache_mib),
         renderer=renderer,
+        pictures=PictureCache(settings.picture_cache_mib * 2**20),
         cpu=Slots(max(2, os.cpu_count() or 1), CPU_DEPTH, "cpu"),
         renderer_fault=fault,
     )

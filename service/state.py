@@ -11,6 +11,7 @@ from backend.queue import JobQueue
 from backend.store import Store
 from service.assets import AssetCache
 from service.meshes import Meshes
+from service.picture_cache import PictureCache
 from service.render.renderer import Renderer
 from service.settings import ServiceSettings
 from service.slots import Slots
@@ -32,6 +33,7 @@ class Services:
     meshes: Meshes
     assets: AssetCache
     renderer: Renderer
+    pictures: PictureCache
     cpu: Slots
     renderer_fault: str | None
 

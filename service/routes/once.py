@@ -13,6 +13,7 @@ from schemas.render import ImageFormat, RenderRequest, Silhouette, SilhouetteReq
 from service.caching import NOT_KEPT
 from service.negotiation import IMAGE_TYPES, choose, image_format
 from service.once import OneMesh, mesh_of
+from service.owners import owner_of
 from service.render.encode import encode
 from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
@@ -69,7 +70,8 @@ async def render_once(view: Annotated[OnceRenderQuery, Query()], request: Reques
     async with mesh_of(request, parts, _beside(view)) as mesh:
         wanted = _wanted(RenderRequest, mesh, view, by_query)
         wanted = wanted if wanted.format else wanted.model_copy(update={"format": by_query.format})
-        image = await wait_for(request, parts.renderer.submit_drawing(_drawing(mesh, wanted)), parts.settings.render_timeout_s)
+        drawing = parts.renderer.submit_drawing(_drawing(mesh, wanted), owner_of(request))
+        image = await wait_for(request, drawing, parts.settings.render_timeout_s)
     clock = Stopwatch()
     encoding = wanted.format or ImageFormat.PNG
     body = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), parts.settings.render_timeout_s)
