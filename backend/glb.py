@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,14 @@ def placed(name: str, frame: Frame) -> dict[str, Any]:
     return {"name": name, "mesh": 0, "translation": list(frame.centre), "scale": [frame.scale] * 3}
 
 
-def bare_glb(name: str, positions: F4, faces: I4, frame: Frame) -> bytes:
-    """A mesh without maps, positions (v, 3) f4 normalised and faces (f, 3) i4, in model units; viewers shade its faces flat."""
+def bare_glb(name: str, positions: F4, faces: I4, frame: Frame, more: Mapping[str, Array] | None = None) -> bytes:
+    """A mesh without maps, positions (v, 3) f4 normalised and faces (f, 3) i4, in model units; viewers shade its faces flat.
+
+    more: further attributes (v,) or (v, 2..4) of its vertices, by name.
+    """
     file = Glb()
-    attributes = {"POSITION": file.add_accessor(np.ascontiguousarray(positions, "<f4"))}
+    columns = {"POSITION": positions, **(more or {})}
+    attributes = {key: file.add_accessor(np.ascontiguousarray(values, "<f4")) for key, values in columns.items()}
     primitive = {"attributes": attributes, "indices": file.add_triangles(faces), "mode": 4}
     return file.to_bytes(scene=0, scenes=[{"nodes": [0]}], nodes=[placed(name, frame)], meshes=[{"name": name, "primitives": [primitive]}])
 
@@ -49,14 +54,14 @@ class Glb:
         return len(self._accessors) - 1
 
     def add_accessor(self, values: Array) -> int:
-        """Index of an accessor of (n, 2..4) f4 vertex values."""
-        low, high = values.min(axis=0), values.max(axis=0)
+        """Index of an accessor of (n,) or (n, 2..4) f4 vertex values."""
+        low, high = np.atleast_1d(values.min(axis=0)), np.atleast_1d(values.max(axis=0))
         self._accessors.append(
             {
                 "bufferView": self._add_view(values.tobytes(), target=ARRAY_BUFFER),
                 "componentType": FLOAT,
                 "count": len(values),
-                "type": f"VEC{values.shape[1]}",
+                "type": "SCALAR" if values.ndim == 1 else f"VEC{values.shape[1]}",
                 "min": [float(x) for x in low],
                 "max": [float(x) for x in high],
             }

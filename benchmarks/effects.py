@@ -25,9 +25,12 @@ from benchmarks.machine import machine, sentence
 from benchmarks.report import Result, markdown_table, number
 from client.shapes import three_holed_torus, torus_knot, write_ply
 from schemas.render import RenderRequest, SilhouetteRequest
+from schemas.scene import SceneRequest
 from service.assets import MeshAsset
-from service.render.frame import render_frame
+from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
+from service.scene.draw import draw_scene
+from service.scene.plan import plan_scene
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_svg
 
@@ -35,14 +38,18 @@ MESHES: dict[str, Callable[[], Any]] = {"knot": lambda: torus_knot(400, 32), "sl
 CAMERA = {
     "knot": {"orbit": {"azimuth_deg": 30, "elevation_deg": 20}},
     "slab": {"orbit": {"azimuth_deg": 25, "elevation_deg": 35, "fov_y_deg": 25}},
+    "both": {"orbit": {"azimuth_deg": 20, "elevation_deg": 25}},
 }
 SIDE, SHOWN = 512, 300
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RED, BLUE = {"color": "#b03020"}, {"color": "#2050b0"}
 
 
+Draw = Callable[[], RenderedImage]
+
+
 class Effect(NamedTuple):
-    """A picture. asked: fields of a RenderRequest, or of a SilhouetteRequest for vector lines."""
+    """A picture. asked: fields of a RenderRequest, of a SilhouetteRequest for vector lines, or of a SceneRequest where it has objects."""
 
     name: str
     mesh: str
@@ -73,11 +80,65 @@ EFFECTS = (
         "Faces turned any way: the nearest layer is found by numbers",
         {"lines": {"method": "fattened", "orientation": "any", "ridge": RED}},
     ),
+    Effect(
+        "broad_pen",
+        "knot",
+        "Strokes of a broad pen, with a wobble",
+        {
+            "lines": {"method": "strokes", "silhouette": {"width": 7}, "stroke": {"width_by": "angle", "least": 0.15, "wobble_px": 2}},
+            "shading": {"fill": "white"},
+        },
+    ),
+    Effect(
+        "pencil",
+        "knot",
+        "Strokes that follow depth and curvature",
+        {
+            "lines": {
+                "method": "strokes",
+                "silhouette": {"width": 6},
+                "stroke": {"width_by": "curvature", "opacity_by": "depth", "wobble_px": 3},
+            },
+            "shading": {"fill": "none"},
+        },
+    ),
+    Effect(
+        "sketch",
+        "slab",
+        "Strokes wide near the eye, ridges in another colour",
+        {
+            "lines": {
+                "method": "strokes",
+                "silhouette": {"width": 5},
+                "ridge": RED | {"width": 4},
+                "stroke": {"width_by": "depth", "wobble_px": 3},
+            },
+            "shading": {"fill": "white"},
+        },
+    ),
+    Effect(
+        "dashed",
+        "slab",
+        "Dashed strokes",
+        {"lines": {"method": "strokes", "silhouette": {"width": 3}, "ridge": BLUE, "stroke": {"dash": [14, 6, 3, 6]}}},
+    ),
     Effect("white", "slab", "Over white", {"lines": {"ridge": {}}, "shading": {"fill": "white"}}),
     Effect("lines_alone", "knot", "Lines alone, on a transparent picture", {"lines": {}, "shading": {"fill": "none"}}),
     *(
         Effect(mode, mesh, f"Shading: {mode}", {"lines": {}, "shading": {"mode": mode}})
         for mode, mesh in (("gooch", "knot"), ("flat", "slab"), ("depth", "knot"), ("matcap", "knot"))
+    ),
+    Effect(
+        "scene",
+        "both",
+        "Lines in scenes, some of an object's own",
+        {
+            "lines": {"silhouette": {"width": 3}, "ridge": {}},
+            "objects": [
+                {"mesh": "knot", "transform": {"translate": [0, 2, 0], "scale": 0.9}},
+                {"mesh": "slab", "transform": {"rotate": {"axis": [1, 0, 0], "angle_deg": 90}}, "lines": {"ridge": RED}},
+            ],
+        },
     ),
     Effect(
         "visible",
@@ -88,24 +149,48 @@ EFFECTS = (
     ),
     Effect("hidden", "slab", "Hidden ones dashed", {"kinds": ["silhouette", "ridge", "valley"]}, vector=True),
     Effect("smooth", "knot", "Rounded within a pixel", {"visible_only": True, "smooth_px": 1.0}, vector=True),
+    Effect(
+        "ink",
+        "knot",
+        "Ink: widths by curvature, with a wobble, SVG",
+        {
+            "visible_only": True,
+            "simplify_px": 0.5,
+            "smooth_px": 0.5,
+            "line_width": {"silhouette": 5},
+            "stroke": {"width_by": "curvature", "least": 0.2, "wobble_px": 1.5},
+        },
+        vector=True,
+    ),
 )
 
 
-def drawn(gpu: Gpu, asset: MeshAsset, effect: Effect, rounds: int, path: Path) -> tuple[float, str]:
-    """(milliseconds that the effect adds, its passes); writes the picture."""
-    common = {"camera": CAMERA[effect.mesh], "width": SIDE, "height": SIDE}
+def drawings(gpu: Gpu, assets: dict[str, MeshAsset], effect: Effect) -> tuple[Draw, Draw]:
+    """The picture with the effect and that without."""
     accuracy = {"source": "original", "antialias": "msaa"}
-    wanted = RenderRequest.model_validate(common | {"accuracy": accuracy} | effect.asked)
-    plain = RenderRequest.model_validate(common | {"accuracy": accuracy})
+    common = {"camera": CAMERA[effect.mesh], "width": SIDE, "height": SIDE, "accuracy": accuracy}
+    if "objects" in effect.asked:
+        scenes = [SceneRequest.model_validate(common | fields) for fields in (effect.asked, effect.asked | {"lines": None})]
+        scenes[1] = scenes[1].model_copy(update={"objects": [item.model_copy(update={"lines": None}) for item in scenes[1].objects]})
+        plans = [plan_scene(scene, [assets[item.mesh] for item in scene.objects]) for scene in scenes]
+        return lambda: draw_scene(gpu, plans[0]), lambda: draw_scene(gpu, plans[1])
+    asset, wanted, plain = assets[effect.mesh], RenderRequest.model_validate(common | effect.asked), RenderRequest.model_validate(common)
+    return lambda: render_frame(gpu, asset, wanted), lambda: render_frame(gpu, asset, plain)
+
+
+def drawn(gpu: Gpu, assets: dict[str, MeshAsset], effect: Effect, rounds: int, path: Path) -> tuple[float, str]:
+    """(milliseconds that the effect adds, its passes); writes the picture."""
+    wanted, plain = drawings(gpu, assets, effect)
     times: dict[bool, list[float]] = {True: [], False: []}
     for _ in range(rounds):
         for lined in (True, False):
-            times[lined].append(render_frame(gpu, asset, wanted if lined else plain).ms)
-    picture = render_frame(gpu, asset, wanted)
+            times[lined].append((wanted if lined else plain)().ms)
+    picture = wanted()
     background = Image.new("RGBA", (SIDE, SIDE), "white")
     background.alpha_composite(Image.fromarray(picture.pixels))
     background.convert("RGB").resize((SHOWN, SHOWN), Image.Resampling.LANCZOS).save(path, optimize=True)
-    passes = [name for name in picture.plan if name not in render_frame(gpu, asset, plain).plan]
+    others = dict(plain().passes)
+    passes = [name for name, _ in picture.passes if name not in others]
     return statistics.median(times[True]) - statistics.median(times[False]), ", ".join(passes)
 
 
@@ -138,8 +223,10 @@ def make(out: Path, rounds: int) -> Result:
                 assets[name] = loaded(path)
             for effect in EFFECTS:
                 picture = folder / f"{effect.name}.{'svg' if effect.vector else 'png'}"
-                asset = assets[effect.mesh]
-                ms, passes = written(asset, effect, rounds, picture) if effect.vector else drawn(gpu, asset, effect, rounds, picture)
+                if effect.vector:
+                    ms, passes = written(assets[effect.mesh], effect, rounds, picture)
+                else:
+                    ms, passes = drawn(gpu, assets, effect, rounds, picture)
                 rows.append({"name": effect.name, "picture": str(picture.relative_to(out)), "ms": round(ms, 3), "passes": passes})
     finally:
         gpu.release()
@@ -158,8 +245,9 @@ def page(result: Result) -> str:
 HEAD = """\
 # Line effects
 
-Every one is asked of any picture (`POST .../render`, `/v1/render`) or drawing (`POST .../silhouette`, `/v1/silhouette`), on any mesh;
-what is not asked for is not there and costs nothing. The fields are in [the API](api.md#lines). Pictures and costs are made by
+Every one is asked of any picture (`POST .../render`, `/v1/render`, `/v1/scenes/render`) or drawing (`POST .../silhouette`,
+`/v1/silhouette`), on any mesh; what is not asked for is not there and costs nothing. The fields are in [the API](api.md#lines).
+Pictures and costs are made by
 `python -m benchmarks.effects`: 512 x 512, 4 samples a pixel, on the CPU; the median with the effect less that without, and for vector
 lines all that a view takes.
 

@@ -9,6 +9,7 @@ with Client("http://127.0.0.1:8000") as client:
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,14 +22,23 @@ import httpx
 from pydantic_core import to_jsonable_python
 
 from client.errors import MeshFailedError, UnreachableError, error_of
+from client.positions import Original, Positions, opened, original_of
+from schemas.access import DEFAULT_SIGNED_S, KeyInfo, KeyPage, MadeKey, SignedUrl
 from schemas.ladder import AccuracyReport
 from schemas.mesh import MeshInfo, MeshPage, MeshStatus, Problem
 from schemas.plan import PlanReport
 from schemas.render import ImageFormat
+from schemas.sequence import SequenceFormat
 
 DEFAULT_URL = "http://127.0.0.1:8000"
+KEY_VARIABLE = "SILHOUETTE_API_KEY"
+SEQUENCE_TIMEOUT = httpx.Timeout(3600.0, connect=5.0)
+"""A sequence is answered when all of it is drawn."""
 CHUNK_BYTES = 1 << 18
 SILHOUETTE_TYPES = {"json": "application/json", "svg": "image/svg+xml", "binary": "application/octet-stream", "dxf": "image/vnd.dxf"}
+
+ENCODING = ("encode", "write")
+"""Passes that make a file of pixels."""
 
 UploadProgress = Callable[[int, int], None]
 """Called with (bytes sent, bytes in all)."""
@@ -53,15 +63,20 @@ class Picture:
     @property
     def frame_ms(self) -> float:
         """Milliseconds from camera to pixels, encoding apart."""
-        return sum(ms for name, ms in self.passes if name != "encode")
+        return sum(ms for name, ms in self.passes if name not in ENCODING)
 
 
 class Client:
-    """Talks to one service. Every call raises a `client.errors.ServiceError` when it does not succeed."""
+    """Talks to one service. Every call raises a `client.errors.ServiceError` when it does not succeed.
 
-    def __init__(self, base_url: str = DEFAULT_URL, timeout_s: float = 60.0) -> None:
+    key: the API key that the service asks for; that of the environment's SILHOUETTE_API_KEY if not given.
+    """
+
+    def __init__(self, base_url: str = DEFAULT_URL, timeout_s: float = 60.0, key: str | None = None) -> None:
         self.base_url = base_url.rstrip("/")
-        self._http = httpx.Client(base_url=self.base_url, timeout=httpx.Timeout(timeout_s, connect=5.0))
+        key = key or os.environ.get(KEY_VARIABLE)
+        headers = {"Authorization": f"Bearer {key}"} if key else {}
+        self._http = httpx.Client(base_url=self.base_url, timeout=httpx.Timeout(timeout_s, connect=5.0), headers=headers)
 
     def __enter__(self) -> Self:
         return self
@@ -119,13 +134,27 @@ class Client:
         """Remove a mesh and everything made from it."""
         self._send("DELETE", f"/v1/meshes/{mesh_id}")
 
-    def render(self, mesh_id: str, **fields: Any) -> bytes:
-        """An encoded picture, PNG unless `format` says otherwise; `fields` are those of `schemas.render.RenderRequest`."""
-        return self.picture(mesh_id, **fields).body
+    def render(self, mesh_id: str, *, positions: Positions | None = None, **fields: Any) -> bytes:
+        """An encoded picture, PNG unless `format` says otherwise; `fields` are those of `schemas.render.RenderRequest`.
 
-    def picture(self, mesh_id: str, **fields: Any) -> Picture:
+        positions: of the mesh's vertices, (v, 3) model units in the order of `original`; where they are if not given.
+        """
+        return self.picture(mesh_id, positions=positions, **fields).body
+
+    def picture(self, mesh_id: str, *, positions: Positions | None = None, **fields: Any) -> Picture:
         """A picture with its timings, plan and accuracy."""
-        return _picture(self._send("POST", f"/v1/meshes/{mesh_id}/render", json=_body({"format": ImageFormat.PNG, **fields})))
+        return _picture(self._send_moved(f"/v1/meshes/{mesh_id}/render", positions, {"format": ImageFormat.PNG, **fields}, {}))
+
+    def frames(self, mesh_id: str, *, positions: Positions | None = None, **fields: Any) -> Picture:
+        """Pictures one after the other, an animated WebP unless `format` says otherwise; `fields` are those of
+        `schemas.sequence.SequenceRequest`. positions: (k, v, 3) for k frames, or (v, 3) for all.
+        """
+        fields = {"format": SequenceFormat.WEBP, **fields}
+        return _picture(self._send_moved(f"/v1/meshes/{mesh_id}/frames", positions, fields, {}, timeout=SEQUENCE_TIMEOUT))
+
+    def original(self, mesh_id: str) -> Original:
+        """The mesh's own vertices, in the order that `positions` come in, and faces."""
+        return original_of(self.download(mesh_id, "original.glb"))
 
     def render_scene(self, objects: Sequence[Any], **fields: Any) -> bytes:
         """An encoded picture of several meshes: `objects` as `schemas.scene.SceneObject`, `fields` the rest of SceneRequest."""
@@ -141,13 +170,15 @@ class Client:
         return self._send("GET", f"/v1/meshes/{mesh_id}/thumbnail.{suffix}", params={"size": size}).content
 
     def silhouette(self, mesh_id: str, **fields: Any) -> dict[str, Any]:
-        """The silhouette as `schemas.render.Silhouette` describes it; `fields` are those of `schemas.render.SilhouetteRequest`."""
+        """The silhouette as `schemas.render.Silhouette` describes it; `fields` are those of `schemas.render.SilhouetteRequest`, and
+        `positions` as for `render`.
+        """
         return dict(json.loads(self.silhouette_document(mesh_id, "json", **fields)))
 
-    def silhouette_document(self, mesh_id: str, form: str = "svg", **fields: Any) -> bytes:
+    def silhouette_document(self, mesh_id: str, form: str = "svg", *, positions: Positions | None = None, **fields: Any) -> bytes:
         """The silhouette as a document: form json, svg, dxf or binary."""
         headers = {"Accept": SILHOUETTE_TYPES[form]}
-        return self._send("POST", f"/v1/meshes/{mesh_id}/silhouette", json=_body(fields), headers=headers).content
+        return self._send_moved(f"/v1/meshes/{mesh_id}/silhouette", positions, fields, headers).content
 
     def picture_once(self, path: str | Path, *, repair: str = "auto", **fields: Any) -> Picture:
         """A picture of a file that the service does not keep: nothing is prepared; `fields` as for `render`."""
@@ -173,7 +204,7 @@ class Client:
         return self._send("GET", f"/v1/meshes/{mesh_id}/accuracy.svg", params=_given(size=size, device=device)).content
 
     def download(self, mesh_id: str, artifact: str = "hull.glb") -> bytes:
-        """A file made from the mesh: hull.glb, normal.png or color.png."""
+        """A file made from the mesh: hull.glb, original.glb, normal.png or color.png."""
         return self._send("GET", f"/v1/meshes/{mesh_id}/artifacts/{artifact}").content
 
     def hull(self, mesh_id: str, faces: int | None = None, side: str = "outer") -> bytes:
@@ -181,12 +212,39 @@ class Client:
         query = {"side": side} if faces is None else {"side": side, "faces": str(faces)}
         return self._send("GET", f"/v1/meshes/{mesh_id}/artifacts/hull.glb", params=query).content
 
+    def sign(self, address: str, expires_in_s: int = DEFAULT_SIGNED_S) -> str:
+        """The whole address of a picture, drawing or download (`/v1/meshes/ID/thumbnail.webp?size=256`), good without a key for a while."""
+        answer = self._send("POST", "/v1/sign", json={"url": address, "expires_in_s": expires_in_s})
+        return self.base_url + SignedUrl.model_validate_json(answer.content).url
+
+    def keys(self) -> Sequence[KeyInfo]:
+        """The keys of the service; needs the scope admin, as the next two."""
+        return KeyPage.model_validate_json(self._send("GET", "/v1/keys").content).keys
+
+    def add_key(self, name: str, **fields: Any) -> MadeKey:
+        """Make a key; `fields` are the rest of `schemas.access.NewKey`. Its token is in the answer alone."""
+        return MadeKey.model_validate_json(self._send("POST", "/v1/keys", json=_body({"name": name, **fields})).content)
+
+    def revoke_key(self, key_id: str) -> None:
+        """Revoke a key and all that it signed."""
+        self._send("DELETE", f"/v1/keys/{key_id}")
+
     def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:
         with self._reaching():
             answer = self._http.request(method, path, **arguments)
         if answer.is_error:
             raise error_of(answer)
         return answer
+
+    def _send_moved(
+        self, address: str, positions: Positions | None, fields: dict[str, Any], headers: dict[str, str], **arguments: Any
+    ) -> httpx.Response:
+        """Post a request, in a form with positions where there are any."""
+        if positions is None:
+            return self._send("POST", address, json=_body(fields), headers=headers, **arguments)
+        request = (None, json.dumps(_body(fields)), "application/json")
+        with opened(positions) as file:
+            return self._send("POST", address, files={"request": request, "positions": ("positions", file)}, headers=headers, **arguments)
 
     def _send_file(
         self, address: str, path: str | Path, query: dict[str, str], fields: dict[str, Any], headers: dict[str, str]

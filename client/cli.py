@@ -8,12 +8,14 @@ from typing import NoReturn
 
 import typer
 
+from client.commands import access
 from client.commands.accuracy import accuracy
 from client.commands.console import err, escaped
-from client.commands.meshes import delete, hull, info, list_meshes, upload
+from client.commands.meshes import delete, hull, info, list_meshes, original, upload
 from client.commands.pictures import render, silhouette
 from client.commands.running import demo, serve, worker
 from client.commands.scenes import scene
+from client.commands.sequences import frames, turntable
 from client.errors import RequestError, ServiceError
 from client.local import LocalServiceError
 
@@ -32,17 +34,22 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "upload": upload,
     "render": render,
+    "turntable": turntable,
+    "frames": frames,
     "scene": scene,
     "silhouette": silhouette,
     "accuracy": accuracy,
     "hull": hull,
+    "original": original,
     "list": list_meshes,
     "info": info,
     "delete": delete,
+    "sign": access.sign,
 }
 """Every command, in the order of the help."""
 for name, command in COMMANDS.items():
     app.command(name)(command)
+app.add_typer(access.keys, name="keys")
 
 
 def main() -> None:

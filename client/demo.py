@@ -25,7 +25,7 @@ from schemas.mesh import MeshInfo, StageStatus
 
 SIZE = 512
 AZIMUTHS_DEG = range(0, 360, 30)
-PORTRAIT = {"camera": {"orbit": {"azimuth_deg": 30.0, "elevation_deg": 20.0}}, "width": SIZE, "height": SIZE}
+PORTRAIT: dict[str, Any] = {"camera": {"orbit": {"azimuth_deg": 30.0, "elevation_deg": 20.0}}, "width": SIZE, "height": SIZE}
 
 WAYS = {
     "original mesh": {"source": "original", "antialias": "none"},
@@ -86,7 +86,7 @@ def _write_results(client: Client, mesh: MeshInfo, folder: Path, name: str, cons
     folder.mkdir(parents=True, exist_ok=True)
     files = {".png": client.render(mesh.id, **PORTRAIT, background="transparent")}
     silhouette: dict[str, Any] | None = None
-    view = {"camera": PORTRAIT["camera"], "project": {"width": SIZE, "height": SIZE}}
+    view: dict[str, Any] = {"camera": PORTRAIT["camera"], "project": {"width": SIZE, "height": SIZE}}
     capability = mesh.capabilities.get("silhouette") or mesh.capabilities.get("clip")
     if capability is None or capability.available:
         files[".svg"] = client.silhouette_document(mesh.id, "svg", **view)

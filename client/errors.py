@@ -4,6 +4,9 @@ ServiceError
 ├── UnreachableError      nobody answers at the address
 ├── RequestError          the request is wrong; `fields` says where            422
 │   └── MeshFailedError   the mesh itself cannot be used or processed          422
+├── UnauthorizedError     no key, or one that is not good there             401
+├── ForbiddenError        the key has not the scope                         403
+├── QuotaError            the key's own quota is used up                    429
 ├── NotFoundError         no such mesh or artifact                             404
 ├── NotReadyError         still being processed                                409
 ├── TooLargeError         over the service's size limit                        413
@@ -62,6 +65,14 @@ class MeshFailedError(RequestError):
     """The mesh cannot be used or processed."""
 
 
+class UnauthorizedError(ServiceError):
+    """The service needs a key, and there was none or it is not good."""
+
+
+class ForbiddenError(ServiceError):
+    """The key may not do this."""
+
+
 class NotFoundError(ServiceError):
     """There is no such mesh or artifact."""
 
@@ -84,12 +95,21 @@ class BusyError(ServiceError):
     retry_after_s = 1.0
 
 
+class QuotaError(ServiceError):
+    """The key is over its own quota."""
+
+    retry_after_s = 1.0
+
+
 BY_STATUS: dict[int, type[ServiceError]] = {
+    401: UnauthorizedError,
+    403: ForbiddenError,
     404: NotFoundError,
     409: NotReadyError,
     413: TooLargeError,
     415: UnknownFormatError,
     422: RequestError,
+    429: QuotaError,
     503: BusyError,
 }
 
@@ -100,7 +120,7 @@ def error_of(answer: httpx.Response) -> ServiceError:
     if problem.status == 422 and (problem.model_extra or {}).get("code") not in REQUEST_CODES:
         return MeshFailedError(problem)
     error = BY_STATUS.get(answer.status_code, ServiceError)(problem)
-    if isinstance(error, BusyError):
+    if isinstance(error, (BusyError, QuotaError)):
         error.retry_after_s = float(answer.headers.get("Retry-After", "1"))
     return error
 

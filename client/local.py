@@ -1,16 +1,21 @@
-"""A service of one's own for as long as it is needed: a child process on a free port, with everything it starts."""
+"""What is done on this machine by the service's own programs: a service for as long as it is needed, and keys in the data folder."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import IO, Any, Self
+
+from pydantic_core import to_jsonable_python
+
+from schemas.access import KeyInfo, KeyPage, MadeKey
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 15.0
@@ -18,7 +23,7 @@ READY_LINE = "Silhouette Service on "
 
 
 class LocalServiceError(Exception):
-    """The service could not be started; the message ends with what it said last."""
+    """The service could not be started, or a program of it failed; the message ends with what it said last."""
 
 
 class LocalService:
@@ -92,6 +97,33 @@ class LocalService:
             process.wait(STOP_TIMEOUT_S)
             raise LocalServiceError(f"the service did not start:\n{self.last_words()}")
         return line.removeprefix(READY_LINE).strip()
+
+
+class LocalKeys:
+    """The API keys in a data folder, that of the settings if none is given; the calls are those of `Client`. Raises LocalServiceError."""
+
+    def __init__(self, data_dir: Path | None = None) -> None:
+        self._folder = () if data_dir is None else ("--data-dir", str(data_dir))
+
+    def keys(self) -> Sequence[KeyInfo]:
+        """All keys."""
+        return KeyPage.model_validate_json(self._run("list")).keys
+
+    def add_key(self, name: str, **fields: Any) -> MadeKey:
+        """Make a key; its token is in the answer alone."""
+        wanted = to_jsonable_python({"name": name, **fields}, exclude_none=True)
+        return MadeKey.model_validate_json(self._run("add", said=json.dumps(wanted)))
+
+    def revoke_key(self, key_id: str) -> None:
+        """Revoke a key and all that it signed."""
+        self._run("revoke", key_id)
+
+    def _run(self, *arguments: str, said: str = "") -> str:
+        command = [sys.executable, "-m", "service.access", *self._folder, *arguments]
+        done = subprocess.run(command, input=said, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise LocalServiceError(done.stderr.strip().rpartition("\n")[2])
+        return done.stdout
 
 
 def _first_line(stream: IO[str]) -> str:

@@ -16,12 +16,28 @@ from geometry.topology import directed_edges, face_normals
 
 
 @dataclass(frozen=True)
-class Features:
-    """Edges of a mesh. boundary: (b, 2) i4. ending: (n,) i4, the boundary edges of each face: 3 face + corner that they start at.
-    inner: (e, 2) i4, as the first of its two faces has it. beside: (e, 2) i4 those faces.
+class Adjacency:
+    """What faces alone say of their edges, wherever the vertices are.
 
-    turn: (e,) f8 cosine of the angle between their normals, -1 for folded flat, 1 for flat. convex: (e,) bool, seen from the side that
-    the first face is turned to. same_way: (e,) bool, whether both faces are turned the same way.
+    boundary: (b, 2) i4. ending: (n,) i4, the boundary edges of each face: 3 face + corner that they start at.
+    inner: (e, 2) i4, as the first of its two faces has it. beside: (e, 2) i4 those faces. beyond: (e,) i4 the corner of the second one
+    that is not on the edge. same_way: (e,) bool, whether both faces are turned the same way.
+    """
+
+    boundary: np.ndarray
+    ending: np.ndarray
+    inner: np.ndarray
+    beside: np.ndarray
+    beyond: np.ndarray
+    same_way: np.ndarray
+
+
+@dataclass(frozen=True)
+class Features:
+    """Edges of a mesh. boundary, ending, inner, beside, same_way: as in `Adjacency`.
+
+    turn: (e,) f8 cosine of the angle between the normals of the faces beside, -1 for folded flat, 1 for flat. convex: (e,) bool, seen from
+    the side that the first face is turned to.
     """
 
     boundary: np.ndarray
@@ -33,10 +49,10 @@ class Features:
     same_way: np.ndarray
 
 
-def find_features(positions: np.ndarray, faces: np.ndarray) -> Features:
-    """The edges of (v, 3) f4 positions and (f, 3) i4 faces."""
+def find_adjacency(faces: np.ndarray, vertex_count: int) -> Adjacency:
+    """Of faces (f, 3) i4 with vertices below vertex_count."""
     half = directed_edges(faces)
-    key = half.min(axis=1).astype(np.int64) * len(positions) + half.max(axis=1)
+    key = half.min(axis=1).astype(np.int64) * vertex_count + half.max(axis=1)
     order = np.argsort(key, kind="stable")
     in_order = key[order]
     start = np.flatnonzero(np.r_[True, in_order[1:] != in_order[:-1]]) if len(order) else np.zeros(0, np.int64)
@@ -45,12 +61,19 @@ def find_features(positions: np.ndarray, faces: np.ndarray) -> Features:
     beside = np.column_stack([first // 3, second // 3]).astype(np.int32)
     inner = half[first].astype(np.int32)
     same_way = half[first, 0] != half[second, 0]
-    unit = face_normals(positions, faces)
-    turn = np.einsum("ij,ij->i", unit[beside[:, 0]], unit[beside[:, 1]]) * np.where(same_way, 1.0, -1.0)
     beyond = faces[beside[:, 1], (second % 3 + 2) % 3]
-    convex = _convex(positions, faces, beside, beyond)
     boundary, ending = half[order[start[count != 2]]].astype(np.int32), order[np.repeat(count != 2, count)].astype(np.int32)
-    return Features(boundary, ending, inner, beside, np.clip(turn, -1.0, 1.0), convex, same_way)
+    return Adjacency(boundary, ending, inner, beside, beyond, same_way)
+
+
+def find_features(positions: np.ndarray, faces: np.ndarray, known: Adjacency | None = None) -> Features:
+    """The edges of (v, 3) f4 positions and (f, 3) i4 faces. known: `find_adjacency` of the faces, where it was found already."""
+    found = find_adjacency(faces, len(positions)) if known is None else known
+    unit = face_normals(positions, faces)
+    beside, same_way = found.beside, found.same_way
+    turn = np.einsum("ij,ij->i", unit[beside[:, 0]], unit[beside[:, 1]]) * np.where(same_way, 1.0, -1.0)
+    convex = _convex(positions, faces, beside, found.beyond)
+    return Features(found.boundary, found.ending, found.inner, beside, np.clip(turn, -1.0, 1.0), convex, same_way)
 
 
 @njit(cache=True)

@@ -7,6 +7,7 @@ the other way round. Based on: Silhouette Clipping, section 5.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -40,18 +41,31 @@ class FacePlanes(NamedTuple):
 
 def face_planes(positions, faces):
     """FacePlanes of positions (v, 3) f4 and faces (f, 3) i4."""
-    p = np.asarray(positions, np.float64)
-    a, b, c = (p[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    permanent = np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1)
-    good = (length > 1e-140) & (permanent * 1.8e-15 <= _RELIABLE * length)
-    unit = np.divide(normal, length[:, None], out=np.zeros_like(normal), where=good[:, None])
-    offset = -np.einsum("ij,ij->i", unit, a)
-    good &= np.abs(offset) < FARTHEST_FLOAT
-    unit[~good], offset = 0.0, np.where(good, offset, 0.0).astype(np.float32)
-    x, y, z = (np.ascontiguousarray(unit[:, k], np.float32) for k in range(3))
-    return FacePlanes(x, y, z, offset, float(np.abs(offset).max(initial=0.0)))
+    x, y, z, d = (np.empty(len(faces), np.float32) for _ in range(4))
+    farthest = _fill_planes(np.ascontiguousarray(positions, np.float64), faces, x, y, z, d)
+    return FacePlanes(x, y, z, d, float(farthest))
+
+
+@njit(cache=True, nogil=True)
+def _fill_planes(p, faces, x, y, z, d):
+    """Planes into (f,) f4 arrays; the largest |d|."""
+    farthest = np.float32(0.0)
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
+        vx, vy, vz = p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        permanent = math.sqrt(ux * ux + uy * uy + uz * uz) * math.sqrt(vx * vx + vy * vy + vz * vz)
+        x[f] = y[f] = z[f] = d[f] = 0.0
+        if not (length > 1e-140 and permanent * 1.8e-15 <= _RELIABLE * length):
+            continue
+        nx, ny, nz = nx / length, ny / length, nz / length
+        offset = -(nx * p[a, 0] + ny * p[a, 1] + nz * p[a, 2])
+        if abs(offset) < FARTHEST_FLOAT:
+            x[f], y[f], z[f], d[f] = nx, ny, nz, offset
+            farthest = max(farthest, abs(d[f]))
+    return farthest
 
 
 @njit(cache=True, nogil=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,19 +93,43 @@ def face_components(faces, vertex_count):
 
 def signed_volume(positions: np.ndarray, faces: np.ndarray) -> float:
     """Signed volume of a closed mesh, in float64, about its first vertex."""
-    p = np.asarray(positions, np.float64)
-    if not len(faces):
-        return 0.0
-    a, b, c = (p[faces[:, k]] - p[faces[0, 0]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+    return float(_six_volumes(np.ascontiguousarray(positions, np.float64), faces) / 6.0) if len(faces) else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _six_volumes(p, faces):
+    """Six times the sum of the tetrahedra from the first vertex to each face."""
+    total = 0.0
+    x, y, z = p[faces[0, 0]]
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, az = p[a, 0] - x, p[a, 1] - y, p[a, 2] - z
+        bx, by, bz = p[b, 0] - x, p[b, 1] - y, p[b, 2] - z
+        cx, cy, cz = p[c, 0] - x, p[c, 1] - y, p[c, 2] - z
+        total += ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    return total
 
 
 def face_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(f, 3) f8 unit outward normals; zero where the face has no area."""
-    p = np.asarray(positions, np.float64)
-    normal = np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+    return _face_normals(np.ascontiguousarray(positions, np.float64), faces)
+
+
+@njit(cache=True, nogil=True)
+def _face_normals(p, faces):
+    """The same of positions (v, 3) f8."""
+    out = np.empty((faces.shape[0], 3))
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
+        vx, vy, vz = p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            out[f, 0], out[f, 1], out[f, 2] = x / length, y / length, z / length
+        else:
+            out[f, 0], out[f, 1], out[f, 2] = 0.0, 0.0, 0.0
+    return out
 
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -117,16 +142,40 @@ def corner_normals(positions: np.ndarray, faces: np.ndarray, rows: np.ndarray, c
 
     +z where there are none, or they cancel. rows: (f, 3) i4.
     """
-    p = np.asarray(positions, np.float64)
-    normal = face_normals(p, faces)
+    return _corner_normals(np.ascontiguousarray(positions, np.float64), faces, rows, count)
+
+
+@njit(cache=True, nogil=True)
+def _corner_normals(p, faces, rows, count):
+    """The same of positions (v, 3) f8."""
     total = np.zeros((count, 3))
-    for k in range(3):
-        u = p[faces[:, (k + 1) % 3]] - p[faces[:, k]]
-        v = p[faces[:, (k + 2) % 3]] - p[faces[:, k]]
-        angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
+    n = np.empty(3)
+    sides, squares = np.empty((3, 3)), np.empty(3)  # side k is opposite to corner k
+    for f in range(faces.shape[0]):
+        for k in range(3):
+            start, end = faces[f, (k + 1) % 3], faces[f, (k + 2) % 3]
+            squares[k] = 0.0
+            for axis in range(3):
+                sides[k, axis] = p[end, axis] - p[start, axis]
+                squares[k] += sides[k, axis] * sides[k, axis]
         for axis in range(3):
-            total[:, axis] += np.bincount(rows[:, k], normal[:, axis] * angle, minlength=count)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    unit = np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
-    unit[length[:, 0] <= 1e-12] = (0.0, 0.0, 1.0)
-    return unit.astype(np.float32)
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            n[axis] = sides[2, j] * sides[1, i] - sides[2, i] * sides[1, j]
+        length = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        if length == 0.0:
+            continue
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            beside = -(sides[i, 0] * sides[j, 0] + sides[i, 1] * sides[j, 1] + sides[i, 2] * sides[j, 2])
+            weight = math.atan2(length, beside) / length
+            for axis in range(3):
+                total[rows[f, k], axis] += n[axis] * weight
+    out = np.empty((count, 3), np.float32)
+    for i in range(count):
+        x, y, z = total[i]
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 1e-12:
+            out[i, 0], out[i, 1], out[i, 2] = x / length, y / length, z / length
+        else:
+            out[i, 0], out[i, 1], out[i, 2] = 0.0, 0.0, 1.0
+    return out

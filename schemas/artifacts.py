@@ -40,6 +40,11 @@ MESH = Layout(
     optional=frozenset({"normal_vertices", "corner_normals", "edge_vertices", "edge_faces"}),
 )
 
+FILE_VERTICES = Layout(
+    "file_vertices.safetensors",
+    {"file_vertices": ("<i4", ("v",))},  # number of each vertex of MESH in the upload, any of those that were welded; -1: made by repair
+)
+
 APPEARANCE = Layout(
     "appearance.safetensors",
     {
@@ -125,10 +130,17 @@ LEVEL_TREES = tuple(Layout(f"level_{k}_tree.safetensors", TREE.tensors, TREE.opt
 """Their search trees; edge_index is a row of the level's edges."""
 
 HULL_GLB = "hull.glb"
+ORIGINAL_GLB = "original.glb"
+"""Made from MESH when it is asked for."""
+FILE_VERTEX = "_FILE_VERTEX"
+"""Its attribute of the numbers that its vertices had in the upload; -1 for those that repair made."""
 NORMAL_PNG = "normal.png"
 COLOR_PNG = "color.png"
 
-LAYOUTS = (MESH, APPEARANCE, HULL, HULL_SEQUENCE, INNER_SEQUENCE, MAPS, *OTHER_HULLS, *OTHER_MAPS, TREE, *LEVELS, *LEVEL_TREES)
+LAYOUTS = (
+    *(MESH, FILE_VERTICES, APPEARANCE, HULL, HULL_SEQUENCE, INNER_SEQUENCE, MAPS),
+    *(*OTHER_HULLS, *OTHER_MAPS, TREE, *LEVELS, *LEVEL_TREES),
+)
 DOWNLOADS = {
     HULL_GLB: "model/gltf-binary",
     NORMAL_PNG: "image/png",

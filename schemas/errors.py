@@ -9,6 +9,9 @@
     ├── NotFoundError           no such mesh or artifact                           404
     ├── NotReadyError           accepted, but not processed yet                    409
     ├── BusyError               admission is full, carries retry_after_s           503
+    ├── UnauthorizedError       no key, or none that is good here                  401
+    ├── ForbiddenError          the key may not do this, or the signature is wrong 403
+    ├── QuotaError              a key is over its own quota, carries retry_after_s 429
     ├── StorageFullError        no space to accept the bytes                       507
     ├── CorruptArtifactError    a stored artifact fails its own checks             500
     ├── StageFailedError        a preprocessing stage could not finish             kept as the mesh's failure
@@ -84,6 +87,28 @@ class BusyError(SilhouetteError):
     """The service is at its admission limit."""
 
     code = "busy"
+
+    def __init__(self, message: str, *, retry_after_s: float = 1.0, **where: Any) -> None:
+        super().__init__(message, **where)
+        self.retry_after_s = retry_after_s
+
+
+class UnauthorizedError(SilhouetteError):
+    """A key is needed, and none came or it is not good."""
+
+    code = "unauthorized"
+
+
+class ForbiddenError(SilhouetteError):
+    """Who asks is known and may not; `where["scope"]` names a scope that is missing."""
+
+    code = "forbidden"
+
+
+class QuotaError(SilhouetteError):
+    """A key is over its own quota; `where["quota"]` names it, `where["limit"]` says how much it is."""
+
+    code = "quota-exceeded"
 
     def __init__(self, message: str, *, retry_after_s: float = 1.0, **where: Any) -> None:
         super().__init__(message, **where)

@@ -14,11 +14,12 @@ PIPELINE_VERSION = 3
 MESH_ID = re.compile(r"^[0-9a-f]{32}$")
 UPLOADS = "uploads/"
 MESHES = "meshes/"
+API_KEYS = "keys/"
 
 
 def mesh_id(upload_sha256: str, extension: str, options: PreprocessOptions) -> str:
     """32 hex digits naming (bytes, format, options, pipeline version): the same upload twice is the same mesh."""
-    identity = json.dumps([upload_sha256, extension, options.model_dump(mode="json"), PIPELINE_VERSION], sort_keys=True)
+    identity = json.dumps([upload_sha256, extension, options.model_dump(mode="json", exclude_none=True), PIPELINE_VERSION], sort_keys=True)
     return hashlib.sha256(identity.encode()).hexdigest()[:32]
 
 
@@ -50,3 +51,8 @@ def artifact(mesh: str, name: str) -> str:
 def manifest(mesh: str) -> str:
     """The manifest (`schemas.manifest.Manifest`), written last: ready or failed for good."""
     return f"{MESHES}{mesh}/manifest.json"
+
+
+def api_key(key_id: str) -> str:
+    """The record of an API key (`schemas.access.KeyRecord`)."""
+    return f"{API_KEYS}{key_id}.json"

@@ -50,6 +50,12 @@ class PreprocessOptions(BaseModel):
     hull_faces: int = Field(DEFAULT_HULL_FACES, ge=4, le=100_000, description="faces of the coarse hull that is drawn")
     texels: int = Field(DEFAULT_TEXELS, ge=64, le=8192, description="longest side of the normal and colour maps, texels")
     repair: Literal["auto", "never"] = Field("auto", description="close small holes and orient faces, or take the mesh as it is")
+    max_faces: int | None = Field(None, ge=1, description="refuse a mesh of more faces; a key's limit may be lower")
+
+    def narrowed(self, max_faces: int | None) -> PreprocessOptions:
+        """The same with at most so many faces."""
+        given = [limit for limit in (self.max_faces, max_faces) if limit is not None]
+        return self.model_copy(update={"max_faces": min(given)}) if given else self
 
 
 class Stage(BaseModel):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from schemas.lines import LineKind, Lines
+from schemas.lines import LineKind, Lines, Stroke
 
 MAX_SIDE_PX = 8192
 Vector = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
@@ -164,8 +164,8 @@ class ImageFormat(StrEnum):
     RAW = "raw"
 
 
-class RenderRequest(_Request):
-    """One picture."""
+class PictureRequest(_Request):
+    """What a picture shows and how, whatever it is encoded as."""
 
     camera: AnyCamera = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
     width: int = Field(512, ge=1, le=MAX_SIDE_PX)
@@ -174,6 +174,11 @@ class RenderRequest(_Request):
     shading: Shading = Shading()
     accuracy: Accuracy = Accuracy()
     lines: Lines | None = Field(None, description="lines in the picture, which then is drawn from the original mesh")
+
+
+class RenderRequest(PictureRequest):
+    """One picture."""
+
     format: ImageFormat | None = Field(None, description="overrides the Accept header")
 
 
@@ -206,6 +211,7 @@ class SilhouetteRequest(_Request):
     simplify_px: FiniteFloat | None = Field(None, gt=0.0, description="leave out points of lines that are so near to what remains, pixels")
     smooth_px: FiniteFloat | None = Field(None, gt=0.0, description="round corners of lines, at most so far from where they are, pixels")
     line_width: dict[LineKind, Width] = Field({}, description="pixels; of drawings")
+    stroke: Stroke | None = Field(None, description="how lines change along themselves; needs lines: `kinds` or `visible_only`")
 
     @property
     def wants_lines(self) -> bool:
@@ -228,7 +234,11 @@ class Line(BaseModel):
     visible: bool
     closed: bool = Field(description="the last point joins the first")
     points: list[tuple[float, float]] = Field(description="pixels")
-    vertices: list[int | None] | None = Field(None, description="the mesh's vertex at each point, null for a cut; not of smooth lines")
+    vertices: list[int | None] | None = Field(
+        None, description="the mesh's vertex at each point, null for a cut; not of smooth lines and strokes"
+    )
+    widths: list[float] | None = Field(None, description="pixels, at each point; of strokes whose width follows something")
+    opacities: list[float] | None = Field(None, description="0 to 1, at each point; of strokes whose opacity follows something")
 
 
 class Silhouette(BaseModel):

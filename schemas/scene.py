@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from schemas.conventions import F8
+from schemas.lines import Lines, LineStyle
 from schemas.render import MAX_SIDE_PX, Accuracy, AnyCamera, ImageFormat, Orbit, OrbitCamera, Shading, Vector
 
 MAX_OBJECTS = 64
@@ -16,6 +17,7 @@ MAX_OBJECTS = 64
 MOST_STRETCH = 1e6
 """The longest axis of a placed sphere over its shortest: beyond, a transform counts as flattening."""
 
+Fields = TypeVar("Fields", bound=BaseModel)
 Quaternion = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Row = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4, description="4 rows of 4, for column vectors: [[.., .., .., tx], ...]")]
@@ -79,11 +81,12 @@ Transform = Annotated[
 
 
 class SceneObject(_Request):
-    """One mesh in a scene. Its shading has the scene's for every field it does not say."""
+    """One mesh in a scene. Its shading and its lines have the scene's for every field they do not say."""
 
     mesh: str = Field(min_length=1, max_length=64, description="mesh id")
     transform: Transform = Field(default_factory=Parts, description="scene from model: affine and invertible; it may stretch and mirror")
     shading: Shading | None = None
+    lines: Lines | None = Field(None, description="if not given, the scene's; null for none")
 
     @model_validator(mode="after")
     def _usable(self) -> Self:
@@ -101,12 +104,14 @@ class SceneRequest(_Request):
             "example": {
                 "camera": {"orbit": {"azimuth_deg": 30, "elevation_deg": 20}},
                 "background": "#ffffff",
+                "lines": {"silhouette": {"width": 2}},
                 "objects": [
                     {"mesh": "0123456789abcdef0123456789abcdef"},
                     {
                         "mesh": "0123456789abcdef0123456789abcdef",
                         "transform": {"translate": [2, 0, 0], "rotate": {"axis": [0, 1, 0], "angle_deg": 90}, "scale": [1, 1, -1]},
                         "shading": {"color": "#c08040"},
+                        "lines": {"silhouette": {"color": "#804000"}, "ridge": {}},
                     },
                 ],
             }
@@ -119,13 +124,41 @@ class SceneRequest(_Request):
     background: str = Field("transparent", pattern=r"^(transparent|#[0-9a-fA-F]{6})$")
     objects: list[SceneObject] = Field(min_length=1, max_length=MAX_OBJECTS)
     shading: Shading = Shading()
+    lines: Lines | None = Field(None, description="lines of every object, all of which then are drawn together from their original meshes")
     accuracy: Accuracy = Accuracy()
     format: ImageFormat | None = Field(None, description="overrides the Accept header")
 
     def shading_of(self, index: int) -> Shading:
         """What object `index` is shaded with: its own fields where it says them, the scene's elsewhere."""
         own = self.objects[index].shading
-        return self.shading if own is None else self.shading.model_copy(update={name: getattr(own, name) for name in own.model_fields_set})
+        return self.shading if own is None else _over(own, self.shading)
+
+    def lines_of(self, index: int) -> Lines | None:
+        """The lines of object `index`: the scene's, with what the object's own say of them; none where those are null."""
+        item = self.objects[index]
+        if "lines" not in item.model_fields_set:
+            return self.lines
+        return item.lines if item.lines is None or self.lines is None else _over(item.lines, self.lines)
+
+    def resolved(self) -> SceneRequest:
+        """The same with all of its shading and lines said by every object, so that requests that are dumped alike are drawn alike."""
+        looks = [{"shading": self.shading_of(index), "lines": self.lines_of(index)} for index in range(len(self.objects))]
+        objects = [item.model_copy(update=look) for item, look in zip(self.objects, looks, strict=True)]
+        return self.model_copy(update={"objects": objects})
+
+    @property
+    def has_lines(self) -> bool:
+        """Whether some object has lines."""
+        return any((item.lines if "lines" in item.model_fields_set else self.lines) is not None for item in self.objects)
+
+
+def _over(own: Fields, other: Fields) -> Fields:
+    """`own` where it says something, `other` elsewhere; the styles of lines field by field too."""
+    said = {}
+    for name in own.model_fields_set:
+        value, beneath = getattr(own, name), getattr(other, name)
+        said[name] = _over(value, beneath) if isinstance(value, LineStyle) and isinstance(beneath, LineStyle) else value
+    return other.model_copy(update=said)
 
 
 def matrix_of(transform: Any) -> F8:

@@ -19,6 +19,7 @@ from pydantic import ValidationError
 
 from backend.logs import configure_logs
 from backend.settings import setting_faults
+from service.access.policy import startup_fault
 from service.embedded import EmbeddedBackend, StartupError
 from service.settings import ServiceSettings
 
@@ -36,6 +37,9 @@ def main() -> int:
         print(*setting_faults(error), sep="\n", file=sys.stderr)
         return 2
     configure_logs("service", settings.log_level)
+    if fault := startup_fault(settings):
+        print(f"error: {fault}", file=sys.stderr)
+        return 2
     signal.signal(signal.SIGTERM, _interrupt)
     if while_stdin:
         threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
@@ -58,6 +62,7 @@ def parse(arguments: Sequence[str]) -> tuple[ServiceSettings, bool]:
     parser.add_argument("--port", type=int, help="port to listen on (8000); 0 takes a free one")
     parser.add_argument("--data-dir", type=Path, help="folder of everything that is kept")
     parser.add_argument("--workers", type=int, help="worker processes to start (one a processor)")
+    parser.add_argument("--insecure", action="store_const", const=True, help="listen for other machines though there is no key")
     parser.add_argument("--while-stdin", action="store_true", help="end when standard input is closed, as it is when a parent dies")
     flags = vars(parser.parse_args(arguments))
     while_stdin = bool(flags.pop("while_stdin"))

@@ -5,28 +5,38 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import re
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from importlib.metadata import version
+from typing import Any
 
 import redis
 from anyio import to_thread
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
+from fastapi.security import HTTPBearer
+from starlette.middleware.cors import CORSMiddleware
+from starlette.types import Scope
 
 from backend import once, records
 from backend.queue import JobQueue
 from schemas.errors import SilhouetteError
 from service import errors
+from service.access.guard import AccessGuard
+from service.access.policy import open_access
 from service.assets import AssetCache
 from service.body_limit import BodyLimit
+from service.forms import is_form
 from service.head import HeadAsGet
 from service.meshes import Meshes
 from service.picture_cache import PictureCache
 from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
-from service.routes import accuracy, artifacts, docs, health, meshes, page, render, scenes, silhouette
+from service.routes import access, accuracy, artifacts, docs, frames, health, meshes, moved, page, render, scenes, silhouette
 from service.routes import once as one_request
+from service.routes.documented import problems
+from service.security_headers import SecurityHeaders
 from service.settings import ServiceSettings
 from service.slots import Slots
 from service.state import Services
@@ -34,10 +44,30 @@ from service.warm import warm_in_background
 
 log = logging.getLogger("silhouette.service")
 
-ROUTES = (page, docs, meshes, render, scenes, silhouette, one_request, accuracy, artifacts, health)
+ROUTES = (page, docs, meshes, moved, render, frames, scenes, silhouette, one_request, accuracy, artifacts, access, health)
+"""In the order in which they are tried: forms at addresses that take JSON too come first."""
 
 MESH_BODIES = frozenset({"/v1/meshes", "/v1/render", "/v1/silhouette"})
 """Addresses that take a mesh, and count its bytes themselves."""
+MOVED_BODIES = re.compile(r"/v1/meshes/[^/]+/(render|silhouette|frames)")
+"""Those that take positions in a form, and count them likewise."""
+
+KEYED: dict[str, Any] = {
+    "dependencies": [Depends(HTTPBearer(auto_error=False, description="an API key, where the service asks for one"))],
+    "responses": problems(401, 403, 429),
+}
+"""What OpenAPI says of all calls but health; that it is so is the guard's work."""
+
+SHARED_WITH_PAGES: dict[str, Any] = {
+    "allow_methods": ["GET", "HEAD", "POST", "DELETE"],
+    "allow_headers": ["Authorization", "X-API-Key", "Content-Type", "If-None-Match", "Range"],
+    "expose_headers": [
+        *("ETag", "Location", "Retry-After", "Server-Timing", "X-Plan", "X-Accuracy", "X-Image-Size", "X-Frames", "X-Hull"),
+        *("RateLimit-Limit", "RateLimit-Remaining", "RateLimit-Reset"),
+    ],
+    "max_age": 3600,
+}
+"""What pages of the origins in `cors_origins` may send and read. No cookies are there to be let through."""
 
 DESCRIPTION = """Upload a heavy mesh once; from then on get any view in milliseconds, without a GPU, with an outline that is exactly
 the original's although only a coarse hull is drawn, or the silhouette itself as JSON or SVG."""
@@ -65,6 +95,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
             keeper.cancel()
             with suppress(asyncio.CancelledError):
                 await keeper
+            await services.access.requests.close()
             _close(services)
 
     app = FastAPI(
@@ -76,11 +107,21 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
     )
     errors.install(app)
-    app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=MESH_BODIES)
+    app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=counts_itself)
+    app.add_middleware(AccessGuard, allowed_origins=settings.cors_origins)
     app.add_middleware(HeadAsGet)
+    if settings.cors_origins:
+        app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **SHARED_WITH_PAGES)
+    app.add_middleware(SecurityHeaders, is_shared=bool(settings.cors_origins), has_tls=settings.behind_tls)
     for module in ROUTES:
-        app.include_router(module.router)
+        app.include_router(module.router, **({} if module is health else KEYED))
     return app
+
+
+def counts_itself(scope: Scope) -> bool:
+    """Whether what answers a request bounds its body."""
+    path = scope["path"]
+    return path in MESH_BODIES or (is_form(scope) and MOVED_BODIES.fullmatch(path) is not None)
 
 
 def _open(settings: ServiceSettings) -> Services:
@@ -102,6 +143,7 @@ def _open(settings: ServiceSettings) -> Services:
         renderer=renderer,
         pictures=PictureCache(settings.picture_cache_mib * 2**20),
         cpu=Slots(max(2, os.cpu_count() or 1), CPU_DEPTH, "cpu"),
+        access=open_access(settings, queue.store),
         renderer_fault=fault,
     )
 

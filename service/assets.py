@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from backend.artifacts import open_artifact
 from backend.store import Store
 from geometry.tile_layout import TileLayout
-from geometry.topology import EdgeTable, build_edges
+from geometry.topology import EdgeTable, build_edges, signed_volume
 from schemas import artifacts, keys
 from schemas.conventions import F4, F8, I4, Array, Frame
 from schemas.errors import NotReadyError
@@ -104,7 +104,8 @@ class MeshAsset:
     when the mesh is not clippable, or not yet. clip: whether it is, and why not.
     normal_vertices (n,) i4, corner_normals (f, 3) i4: as in MESH; None when vertex i has the one normal i.
     levels: hulls that may stand for it in far views, finest first. other_hulls: that can be drawn, of other sizes than was asked for.
-    ladder: what was measured of it, if anything.
+    ladder: what was measured of it, if anything. base: the mesh that this one is, its vertices moved (`service.moving`), if it is one;
+    faces, edges and the numbers of normals are those of the base.
     """
 
     id: str
@@ -123,6 +124,7 @@ class MeshAsset:
     levels: tuple[SilhouetteLevel, ...] = ()
     other_hulls: tuple[DrawnHull, ...] = ()
     ladder: Ladder | None = None
+    base: MeshAsset | None = None
 
     @cached_property
     def hulls(self) -> tuple[DrawnHull, ...]:
@@ -132,8 +134,20 @@ class MeshAsset:
     @cached_property
     def rungs(self) -> RungTable:
         """Every way in which it can be drawn."""
+        if self.base is not None:
+            return self.base.moved_rungs
         levels = [(len(level.faces), level.bound) for level in self.levels]
         return rung_table(self.clippable, levels, [hull.facts for hull in self.hulls], self.ladder)
+
+    @cached_property
+    def moved_rungs(self) -> RungTable:
+        """Every way in which it can be drawn once its vertices are moved, which leaves its hulls behind."""
+        return rung_table(False, (), (), None)
+
+    @cached_property
+    def encloses(self) -> bool:
+        """Whether faces are seen from outside where the mesh is closed: loading sees to that, but moving may turn a mesh inside out."""
+        return self.edges is not None and (self.base is None or signed_volume(self.positions, self.faces) > 0.0)
 
     @property
     def normal_positions(self) -> F4:
@@ -161,12 +175,17 @@ class MeshAsset:
     @cached_property
     def line_surface(self) -> LineSurface:
         """The mesh as lines are found on it; it need not be closed."""
-        return LineSurface(self.positions, self.faces, self.edges)
+        return LineSurface(self.positions, self.faces, self.edges, None if self.base is None else self.base.line_surface)
+
+    @cached_property
+    def stretched(self) -> dict[bytes, MeshAsset]:
+        """The mesh in other shapes, by the matrix that made them, the latest last (`service.scene.stretch`)."""
+        return {}
 
     @cached_property
     def line_mesh(self) -> LineMesh:
         """The mesh made ready for finding lines, whether it is closed or not."""
-        return LineMesh(self.positions, self.faces)
+        return LineMesh(self.positions, self.faces, None if self.base is None else self.base.line_mesh)
 
     @cached_property
     def _edge_order(self) -> tuple[Array, Array]:
@@ -206,7 +225,9 @@ class MeshAsset:
 
     @cached_property
     def radius(self) -> float:
-        """Radius of a sphere about the origin that holds the mesh and its hulls; at least 1."""
+        """Radius of a sphere about the origin that holds the mesh and its hulls; at least 1, and that of what was moved."""
+        if self.base is not None:
+            return max(self.base.radius, float(np.linalg.norm(self.positions.astype(np.float64), axis=1).max()))
         hulls = [part for part in (self.hull, *(one.hull for one in self.other_hulls)) if part is not None]
         return max([1.0, *(float(np.linalg.norm(hull["positions"].astype(np.float64), axis=1).max()) for hull in hulls)])
 
@@ -219,7 +240,8 @@ class MeshAsset:
         arrays += [a for a in given if a is not None]
         lines = self.__dict__["line_mesh"].nbytes if "line_mesh" in self.__dict__ else 0
         parts = sum(level.nbytes for level in self.levels) + sum(hull.nbytes for hull in self.other_hulls)
-        return sum(int(a.nbytes) for a in arrays) + parts + lines
+        shapes = sum(int(one.positions.nbytes + one.normals.nbytes) for one in list(self.stretched.values()))
+        return sum(int(a.nbytes) for a in arrays) + parts + lines + shapes
 
 
 def state_of(manifest: Manifest) -> str:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class BodyLimit:
-    """Refuses with 413 a body over `limit_bytes` on every address that is not in `unlimited`."""
+    """Refuses with 413 a body over `limit_bytes` of every request that is not `unlimited`, by its scope."""
 
-    def __init__(self, app: ASGIApp, limit_bytes: int, unlimited: frozenset[str]) -> None:
+    def __init__(self, app: ASGIApp, limit_bytes: int, unlimited: Callable[[Scope], bool]) -> None:
         self.app = app
         self.limit_bytes = limit_bytes
         self.unlimited = unlimited
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on with its body counted."""
-        if scope["type"] != "http" or scope["path"] in self.unlimited:
+        if scope["type"] != "http" or self.unlimited(scope):
             await self.app(scope, receive, send)
             return
         declared = Headers(scope=scope).get("content-length", "0")

@@ -46,6 +46,9 @@ class View:
     Of a mesh that a scene places (`service.scene.place`), the matrix and the eye are still those of its own normalised frame; view
     turns the scene's axes into the camera's; pixel_scale is the largest in any direction; mirrored: the placement turns
     counter-clockwise into clockwise; normal_matrix: (3, 3) f8 from normals to normals along the scene's axes, None for none.
+    depth_unit: radii of the mesh in a unit of near, far and w, which are of a frame that all meshes of a picture may share.
+    nearness: (4,) f8 row that says how near a point of the mesh's frame is, from 1 to -1 over the sphere of all that is drawn;
+    middle_depth: w of its middle; None for the mesh's own sphere.
     """
 
     eye: F8
@@ -58,6 +61,9 @@ class View:
     pixel_scale: float
     mirrored: bool = False
     normal_matrix: F8 | None = None
+    depth_unit: float = 1.0
+    nearness: F8 | None = None
+    middle_depth: float | None = None
 
     @cached_property
     def pixels(self) -> F8:
@@ -65,6 +71,11 @@ class View:
         x, y, z, w = self.matrix.tolist()
         across, down = 0.5 * self.width, 0.5 * self.height
         return np.array([[(a + b) * across for a, b in zip(x, w, strict=True)], [(b - a) * down for a, b in zip(y, w, strict=True)], z, w])
+
+    @property
+    def depth_pixels(self) -> float:
+        """Pixels that one unit of depth covers, at depth one (perspective) or at every depth (orthographic)."""
+        return self.pixel_scale * self.depth_unit
 
     @property
     def orthographic(self) -> bool:

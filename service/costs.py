@@ -31,8 +31,10 @@ TERMS_OF: dict[str, tuple[str, ...]] = {
     "loops": (FIXED, EDGES),
     "segments": (FIXED, EDGES),
     "hull": (FIXED, FACES),
+    "deform": (FIXED, FACES),
     "first_layer": (FIXED, FACES, SAMPLES),
     "line_faces": (FIXED, FACES),
+    "vector_lines": (FIXED, FACES),
     "line_strokes": (FIXED, FACES),
     "clear": (FIXED, SAMPLES),
     "stencil": (FIXED, EDGES, AREA),
@@ -41,6 +43,7 @@ TERMS_OF: dict[str, tuple[str, ...]] = {
     "lines_back": (FIXED, FACES, SIDE),
     "line_edges": (FIXED, FACES),
     "edge_mesh": (FIXED, FACES, SAMPLES),
+    "strokes": (FIXED, SIDE),
     "rim": (FIXED, FACES, SIDE, BEYOND),
     "outline": (FIXED, EDGES, SIDE),
     "interior": (FIXED, AREA),
@@ -70,8 +73,10 @@ NOMINAL: dict[str, dict[str, float]] = {
     "loops": {FIXED: 0.015, EDGES: 6.8e-5},
     "segments": {FIXED: 0.028, EDGES: 6.1e-5},
     "hull": {FIXED: 0.026, FACES: 5.6e-5},
+    "deform": {FIXED: 0.1, FACES: 2.5e-5},
     "first_layer": {FIXED: 0.3, FACES: 1.6e-4, SAMPLES: 8e-6},
     "line_faces": {FIXED: 0.03, FACES: 7e-6},
+    "vector_lines": {FIXED: 0.5, FACES: 2e-4},
     "line_strokes": {FIXED: 0.05, FACES: 7e-6},
     "clear": {FIXED: 0.069, SAMPLES: 1.9e-6},
     "stencil": {FIXED: 0.12, EDGES: 5.0e-4, AREA: 3.1e-6},
@@ -82,6 +87,7 @@ NOMINAL: dict[str, dict[str, float]] = {
     "lines_back": {FIXED: 0.2, FACES: 1.5e-5, SIDE: 4e-3},
     "line_edges": {FIXED: 0.1, FACES: 1.5e-5},
     "edge_mesh": {FIXED: 0.5, FACES: 9e-5, SAMPLES: 2e-6},
+    "strokes": {FIXED: 0.3, SIDE: 4e-3},
     "cpu/rim": {FIXED: 0.01, FACES: 8.5e-6, SIDE: 2.2e-5, BEYOND: 2.0e-4},
     "clipped/rim": {FIXED: 0.14, FACES: 1.2e-4, SIDE: 8.4e-4, BEYOND: 8.0e-4},
     "original/rim": {FIXED: 0.44, FACES: 1.1e-5, SIDE: 1.5e-4},
@@ -152,10 +158,11 @@ class CostModel:
 
     def of(self, asset: MeshAsset) -> _MeshCosts:
         """The costs of a mesh."""
-        kept = self._meshes.get(asset.id)
+        name = asset.id if asset.base is None else f"{asset.base.id} moved"
+        kept = self._meshes.get(name)
         if kept is None or kept.table is not asset.rungs:
             kept = self._new(asset, kept)
-            self._meshes[asset.id] = kept
+            self._meshes[name] = kept
             while len(self._meshes) > MESHES_KEPT:
                 self._meshes.popitem(last=False)
         return kept

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -13,7 +14,7 @@ from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
-from backend.problems import STATUS
+from backend.problems import PRIVATE, STATUS
 from schemas import errors as tree
 from schemas.mesh import Problem
 from schemas.render import CAMERA_FORMS
@@ -41,9 +42,6 @@ MESSAGES = {
 
 FORMS = frozenset({*CAMERA_FORMS, *TRANSFORM_FORMS})
 """What pydantic puts into the place of a fault for the form of a field that was meant."""
-
-PRIVATE = frozenset({*Problem.model_fields, "key", "path"})
-"""What never goes from an error's `where` into an answer: RFC 9457's own members, and where things lie in the store."""
 
 NOT_READY_RETRY_S = 1
 """Seconds after which asking again for a mesh in processing makes sense; stages take seconds."""
@@ -129,11 +127,11 @@ def validation_problem(fields: list[dict[str, str]]) -> Problem:
 
 def _field(fault: Mapping[str, Any]) -> str:
     """Name of the field a fault is about, as `objects[2].mesh`, without where it came in and pydantic's names of union members."""
+    between = (fault.get("ctx") or {}).get("field")
     parts = [f"[{part}]" if isinstance(part, int) else str(part) for part in fault["loc"] if part not in FORMS]
-    if len(parts) > 1 and parts[0] in ("body", "query", "path", "header"):
+    if (len(parts) > 1 or (parts and between)) and parts[0] in ("body", "query", "path", "header"):
         parts = parts[1:]
     parts = [part for part in parts if part.startswith("[") or all(c.isalnum() or c in "_." for c in part)]
-    between = (fault.get("ctx") or {}).get("field")
     return ".".join([*parts, between] if between else parts).replace(".[", "[") or "body"
 
 
@@ -147,17 +145,22 @@ def _is_json(value: object) -> bool:
     return value is None or isinstance(value, (str, int, float, bool)) or (isinstance(value, (list, tuple)) and all(map(_is_json, value)))
 
 
-async def _on_known(_: Request, error: Exception) -> Response:
-    assert isinstance(error, tree.SilhouetteError)
+def error_response(error: tree.SilhouetteError) -> Response:
+    """An error of the tree as an HTTP answer; one of ours goes into the log."""
     headers = {}
-    if isinstance(error, tree.BusyError):
-        headers["Retry-After"] = str(max(1, round(error.retry_after_s)))
+    if isinstance(error, (tree.BusyError, tree.QuotaError)):
+        headers["Retry-After"] = str(max(1, math.ceil(error.retry_after_s)))
     elif isinstance(error, tree.NotReadyError):
         headers["Retry-After"] = str(NOT_READY_RETRY_S)
     problem = problem_of(error)
     if problem.status == 500:
         log.error("%s: %s", error.code, error.message, exc_info=error)
     return problem_response(problem, headers)
+
+
+async def _on_known(_: Request, error: Exception) -> Response:
+    assert isinstance(error, tree.SilhouetteError)
+    return error_response(error)
 
 
 async def _on_invalid(_: Request, error: Exception) -> Response:

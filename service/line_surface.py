@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.features import Features, find_features, turned_like_neighbours
+from geometry.features import Adjacency, Features, find_adjacency, find_features, turned_like_neighbours
 from geometry.silhouettes import FacePlanes, face_planes
 from schemas.conventions import F4, I4, U1
 
@@ -17,10 +17,13 @@ for none in (NO_EDGES, NO_CORNERS):
 
 
 class LineSurface:
-    """positions (v, 3) f4 normalised, faces (f, 3) i4. edges: (vertices, faces beside) (e, 2) i4 of a mesh that is closed and oriented."""
+    """positions (v, 3) f4 normalised, faces (f, 3) i4. edges: (vertices, faces beside) (e, 2) i4 of a mesh that is closed and oriented.
 
-    def __init__(self, positions: F4, faces: I4, edges: tuple[I4, I4] | None) -> None:
-        self.positions, self.faces, self._edges = positions, faces, edges
+    still: the same faces and edges at other positions, whose findings are shared as far as they do not depend on these.
+    """
+
+    def __init__(self, positions: F4, faces: I4, edges: tuple[I4, I4] | None, still: LineSurface | None = None) -> None:
+        self.positions, self.faces, self._edges, self._still = positions, faces, edges, still
 
     @cached_property
     def planes(self) -> FacePlanes:
@@ -28,31 +31,40 @@ class LineSurface:
         return face_planes(self.positions, self.faces)
 
     @cached_property
-    def features(self) -> Features:
-        """Its edges, by what is beside them; read-only, as mapped ones are: to kernels another type."""
-        found = find_features(self.positions, self.faces)
+    def adjacency(self) -> Adjacency:
+        """Its edges, as the faces have them; read-only, as mapped ones are: to kernels another type."""
+        if self._still is not None:
+            return self._still.adjacency
+        found = find_adjacency(self.faces, len(self.positions))
         for array in (found.boundary, found.ending, found.inner, found.beside):
             array.setflags(write=False)
         return found
 
+    @cached_property
+    def features(self) -> Features:
+        """Its edges, by what is beside them."""
+        return find_features(self.positions, self.faces, self.adjacency)
+
     @property
     def inner(self) -> tuple[I4, I4]:
         """(vertices, faces beside) (e, 2) i4 of the edges that two faces share."""
-        return (self.features.inner, self.features.beside) if self._edges is None else self._edges
+        return (self.adjacency.inner, self.adjacency.beside) if self._edges is None else self._edges
 
     @property
     def ending(self) -> I4:
         """(n,) i4: where the surface ends, 3 face + corner that the edge starts at."""
-        return self.features.ending if self._edges is None else NO_CORNERS
+        return self.adjacency.ending if self._edges is None else NO_CORNERS
 
     @property
     def boundary(self) -> I4:
         """(b, 2) i4 edges where the surface ends."""
-        return self.features.boundary if self._edges is None else NO_EDGES
+        return self.adjacency.boundary if self._edges is None else NO_EDGES
 
     @cached_property
     def open_vertices(self) -> U1:
         """(v,) u1: 1 at vertices where the surface ends."""
+        if self._still is not None:
+            return self._still.open_vertices
         found = np.zeros(len(self.positions), np.uint8)
         found[self.boundary.reshape(-1)] = 1
         return found
@@ -62,7 +74,9 @@ class LineSurface:
         """(f,) u1: which faces to turn over so that neighbours agree."""
         if self._edges is not None:
             return np.zeros(len(self.faces), np.uint8)
-        return turned_like_neighbours(len(self.faces), self.features.beside, self.features.same_way)
+        if self._still is not None:
+            return self._still.turned
+        return turned_like_neighbours(len(self.faces), self.adjacency.beside, self.adjacency.same_way)
 
     def sharp(self, least_deg: float, layer: U1 | None, *, convex: bool) -> I4:
         """(e, 2) i4 edges over which normals turn by more than so many degrees: ridges (convex) or valleys.

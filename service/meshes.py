@@ -13,7 +13,7 @@ from backend.manifests import loaded_manifest, with_later_stages
 from backend.progress import Progress
 from backend.store import Store
 from schemas import keys
-from schemas.artifacts import COLOR_PNG, HULL_GLB, NORMAL_PNG
+from schemas.artifacts import COLOR_PNG, HULL_GLB, NORMAL_PNG, ORIGINAL_GLB
 from schemas.errors import InvalidRequestError, NotFoundError, NotReadyError
 from schemas.jobs import LATER_STAGES, STAGES
 from schemas.keys import MESH_ID, MESHES
@@ -186,7 +186,7 @@ def _links(mesh_id: str, manifest: Manifest | None) -> dict[str, str]:
     links = {"self": base, "events": f"{base}/events"}
     if manifest is None or manifest.status == "failed":
         return links
-    links |= {"render": f"{base}/render.png", "thumbnail": f"{base}/thumbnail.png"}
+    links |= {"render": f"{base}/render.png", "thumbnail": f"{base}/thumbnail.png", ORIGINAL_GLB: f"{base}/artifacts/{ORIGINAL_GLB}"}
     if (clip := manifest.capabilities.get("clip")) is not None and clip.available:
         links["silhouette"] = f"{base}/silhouette.svg"
     if any(record.stage == "measure" and record.outcome == "done" for record in manifest.stages):

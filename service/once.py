@@ -16,6 +16,7 @@ from backend.manifests import NOT_ENDED, loaded_manifest
 from schemas.errors import BusyError
 from schemas.manifest import Manifest, StageRecord
 from schemas.mesh import Capability
+from service.access.caller import caller_of
 from service.assets import CLIP, MeshAsset, load_asset
 from service.errors import FailedMeshError
 from service.state import Services
@@ -42,7 +43,7 @@ async def mesh_of(request: Request, parts: Services, beside: Collection[str]) ->
     """
     store, limit_s = parts.once, parts.settings.once_timeout_s
     with store.temporary() as file:
-        upload = await receive_upload(request, file, parts.upload_limits, beside)
+        upload = await receive_upload(request, file, parts.upload_limits.of(caller_of(request)), beside)
         clock = Stopwatch()
         token = await to_thread.run_sync(once.put, store, Path(file.name))
     try:

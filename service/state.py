@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 
 from backend.queue import JobQueue
 from backend.store import Store
+from service.access.policy import Access
 from service.assets import AssetCache
 from service.meshes import Meshes
 from service.picture_cache import PictureCache
@@ -22,8 +23,8 @@ from service.uploads import UploadLimits
 class Services:
     """The parts that routes work with. `cpu` runs what would hold up the event loop: mapping artifacts, extraction, encoding.
 
-    once: the store of meshes that are not kept (`backend.once`). renderer_fault: why the renderer did not start, for people; None when
-    it draws.
+    once: the store of meshes that are not kept (`backend.once`). access: who may do what. renderer_fault: why the renderer did not start,
+    for people; None when it draws.
     """
 
     settings: ServiceSettings
@@ -35,6 +36,7 @@ class Services:
     renderer: Renderer
     pictures: PictureCache
     cpu: Slots
+    access: Access
     renderer_fault: str | None
 
     @property

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
-import hashlib
-from collections.abc import AsyncIterator, Collection, Mapping
-from contextlib import suppress
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from anyio import to_thread
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
-from python_multipart.exceptions import FormParserError
-from python_multipart.multipart import MultipartParser, parse_options_header
-from starlette.exceptions import HTTPException
-from starlette.requests import ClientDisconnect
 
 from schemas.errors import InvalidRequestError, MeshRejectedError, StorageFullError, TooLargeError, UnknownFormatError
 from schemas.mesh import PreprocessOptions
+from service.access.caller import Caller
+from service.forms import FIELD_BYTES, Body, Spool, content_type_of, is_form, receive_form, too_large
 
 CONTENT_TYPES = {
     "model/stl": "stl",
@@ -39,24 +33,25 @@ CONTENT_TYPES = {
 EXTENSIONS = ("stl", "obj", "ply", "off", "glb", "3mf")
 """Formats the workers load."""
 
-WRITE_BYTES = 1 << 20
-"""Bytes that go to the disk at a time, in a thread: about a millisecond of hashing."""
-
-FIELD_BYTES = 1 << 12
-"""Largest form field that is not the file."""
-
-DRAIN_BYTES, DRAIN_S = 64 << 20, 2.0
-"""How much of a refused body is still read, so that a client that only reads after writing gets to see why."""
+FILE = "file"
+"""Form field of the mesh."""
 
 NAME_CHARS = 200
 
 
 @dataclass(frozen=True)
 class UploadLimits:
-    """Bounds of an upload: the most bytes taken from anyone, and the bytes the store can still give away."""
+    """Bounds of an upload: the most bytes, the bytes the store can still give away, and the most faces; None: what a worker takes."""
 
     max_bytes: int
     room_bytes: int
+    max_faces: int | None = None
+
+    def of(self, caller: Caller) -> UploadLimits:
+        """The same for one caller, who may have tighter ones."""
+        own = caller.limits
+        max_bytes = self.max_bytes if own.max_upload_mib is None else min(self.max_bytes, own.max_upload_mib * 2**20)
+        return UploadLimits(max_bytes, self.room_bytes, own.max_faces)
 
 
 @dataclass(frozen=True)
@@ -82,16 +77,19 @@ async def receive_upload(request: Request, file: BinaryIO, limits: UploadLimits,
     RequestValidationError and HTTPException 400.
     """
     query = {name: value for name, value in request.query_params.items() if name not in beside}
-    content_type, parameters = parse_options_header(request.headers.get("content-type", ""))
-    form = content_type == b"multipart/form-data"
+    content_type, boundary = content_type_of(request.headers)
+    form = is_form(request.scope)
     if not form:  # what can be refused before the bytes come is
-        described = _described(query, content_type.decode("latin-1"))
-    body, kept = _Body(request), dict[str, str]()
+        described = _described(query, content_type)
+    body, kept = Body(request), dict[str, str]()
     try:
-        _check_room(int(request.headers.get("content-length", "0")), limits)
-        spool = _Spool(file, limits.max_bytes)
+        check_room(int(request.headers.get("content-length", "0")), limits)
+        spool = Spool(file, limits.max_bytes)
         if form:
-            fields = await _receive_form(body, parameters.get(b"boundary", b""), spool)
+            fields, file_name = await receive_form(body, boundary, spool, FILE)
+            if file_name is None:
+                raise InvalidRequestError("The form has no field `file` with the mesh.", field=FILE)
+            fields = ({"name": file_name} if file_name else {}) | fields
             kept = {name: value for name, value in fields.items() if name in beside}
             described = _described(query | {name: value for name, value in fields.items() if name not in kept}, "")
         else:
@@ -104,128 +102,7 @@ async def receive_upload(request: Request, file: BinaryIO, limits: UploadLimits,
     if spool.size == 0:
         raise MeshRejectedError("The upload is empty: it has no bytes.", code="empty-file")
     name, extension, options = described
-    return Upload(spool.digest.hexdigest(), spool.size, name, extension, options, kept)
-
-
-class _Body:
-    """The body of a request as it arrives; knows whether it ended, so that a refusal can swallow the rest."""
-
-    def __init__(self, request: Request) -> None:
-        self._request = request
-        self._ended = False
-
-    async def chunks(self) -> AsyncIterator[bytes]:
-        while not self._ended:
-            message = await self._request.receive()
-            if message["type"] == "http.disconnect":
-                self._ended = True
-                raise ClientDisconnect
-            self._ended = not message.get("more_body", False)
-            yield message.get("body", b"")
-
-    async def drain(self) -> None:
-        seen = 0
-        with suppress(TimeoutError, ClientDisconnect):
-            async with asyncio.timeout(DRAIN_S):
-                async for chunk in self.chunks():
-                    seen += len(chunk)
-                    if seen > DRAIN_BYTES:
-                        return
-
-
-class _Spool:
-    """A file being written: gathers, hashes and counts."""
-
-    def __init__(self, file: BinaryIO, max_bytes: int) -> None:
-        self.file = file
-        self.max_bytes = max_bytes
-        self.digest = hashlib.sha256()
-        self.size = 0
-        self.pending = bytearray()
-
-    async def write(self, data: bytes) -> None:
-        self.size += len(data)
-        if self.size > self.max_bytes:
-            raise _too_large(self.max_bytes)
-        self.pending += data
-        if len(self.pending) >= WRITE_BYTES:
-            await self.flush()
-
-    async def flush(self) -> None:
-        data, self.pending = bytes(self.pending), bytearray()
-        await to_thread.run_sync(self._put, data)
-
-    def _put(self, data: bytes) -> None:
-        self.digest.update(data)
-        self.file.write(data)
-        self.file.flush()
-
-
-class _Form:
-    """Callbacks of the multipart parser: fields are kept, the bytes of `file` are handed on chunk by chunk."""
-
-    def __init__(self) -> None:
-        self.fields: dict[str, str] = {}
-        self.file_chunks: list[bytes] = []
-        self.has_file = False
-        self._name = ""
-        self._value = bytearray()
-        self._header = [b"", b""]
-        self._disposition = b""
-
-    def on_part_begin(self) -> None:
-        self._disposition, self._value = b"", bytearray()
-
-    def on_header_field(self, data: bytes, start: int, end: int) -> None:
-        self._header[0] += data[start:end]
-
-    def on_header_value(self, data: bytes, start: int, end: int) -> None:
-        self._header[1] += data[start:end]
-
-    def on_header_end(self) -> None:
-        if self._header[0].lower() == b"content-disposition":
-            self._disposition = self._header[1]
-        self._header = [b"", b""]
-
-    def on_headers_finished(self) -> None:
-        _, options = parse_options_header(self._disposition)
-        self._name = options.get(b"name", b"").decode("utf-8", "replace")
-        if self._name == "file":
-            if self.has_file:
-                raise InvalidRequestError("One mesh an upload: the form has more than one file.", field="file")
-            self.has_file = True
-            if b"filename" in options:
-                self.fields.setdefault("name", options[b"filename"].decode("utf-8", "replace"))
-
-    def on_part_data(self, data: bytes, start: int, end: int) -> None:
-        if self._name == "file":
-            self.file_chunks.append(data[start:end])
-            return
-        self._value += data[start:end]
-        if len(self._value) > FIELD_BYTES or len(self.fields) > 16:
-            raise TooLargeError("A field of the form is too large.", limit=FIELD_BYTES)
-
-    def on_part_end(self) -> None:
-        if self._name != "file":
-            self.fields[self._name] = self._value.decode("utf-8", "replace")
-
-
-async def _receive_form(body: _Body, boundary: bytes, spool: _Spool) -> dict[str, str]:
-    form = _Form()
-    names = ("part_begin", "header_field", "header_value", "header_end", "headers_finished", "part_data", "part_end")
-    try:
-        parser = MultipartParser(boundary, {f"on_{name}": getattr(form, f"on_{name}") for name in names})  # type: ignore[arg-type]
-        async for chunk in body.chunks():
-            parser.write(chunk)
-            for piece in form.file_chunks:
-                await spool.write(piece)
-            form.file_chunks.clear()
-        parser.finalize()
-    except FormParserError as error:
-        raise HTTPException(status_code=400) from error
-    if not form.has_file:
-        raise InvalidRequestError("The form has no field `file` with the mesh.", field="file")
-    return form.fields
+    return Upload(spool.digest.hexdigest(), spool.size, name, extension, options.narrowed(limits.max_faces), kept)
 
 
 def _described(fields: Mapping[str, str], content_type: str) -> tuple[str, str, PreprocessOptions]:
@@ -251,12 +128,9 @@ def _plain_name(name: str) -> str:
     return "".join(c for c in last if c.isprintable()).strip()[-NAME_CHARS:]
 
 
-def _check_room(declared: int, limits: UploadLimits) -> None:
+def check_room(declared: int, limits: UploadLimits) -> None:
+    """Refuse what declares to be larger than it may be. Raises TooLargeError, StorageFullError."""
     if declared > limits.max_bytes + FIELD_BYTES:
-        raise _too_large(limits.max_bytes)
+        raise too_large(limits.max_bytes)
     if declared > limits.room_bytes:
         raise StorageFullError("The store has no room for this upload.")
-
-
-def _too_large(max_bytes: int) -> TooLargeError:
-    return TooLargeError(f"The upload is larger than the {max_bytes / 2**20:g} MiB that are taken here.", limit=max_bytes)

@@ -9,11 +9,23 @@ from typing import Any, Literal, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from schemas.errors import InvalidRequestError
-from schemas.lines import LineKind, LineMethod
-from schemas.render import BUDGET, MAX_ERROR, Antialias, Fill, ImageFormat, RenderRequest, ShadingMode, SilhouetteRequest, Source
+from schemas.lines import LineKind, LineMethod, Stroke, StrokeBy
+from schemas.render import (
+    BUDGET,
+    MAX_ERROR,
+    Antialias,
+    Fill,
+    ImageFormat,
+    PictureRequest,
+    RenderRequest,
+    ShadingMode,
+    SilhouetteRequest,
+    Source,
+)
+from schemas.sequence import MOST_FRAMES, USUAL_FRAMES, SequenceFormat, SequenceRequest
 from service.errors import InvalidFieldsError, invalid_fields
 
-Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
+Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest, SequenceRequest)
 
 DrawnKind = Literal["silhouette", "boundary", "ridge", "valley"]
 QUERY_NAMES = {
@@ -48,14 +60,22 @@ QUERY_NAMES = {
     "lines.charcoal": "charcoal",
     "lines.declutter": "declutter",
     **{f"lines.{kind}.{field}": f"line_{field}" for kind in get_args(DrawnKind) for field in ("width", "color", "opacity")},
+    "lines.scale": "lines",
+    "lines.stroke": "lines",
+    **{f"{place}.{name}": f"stroke_{name}" for place in ("lines.stroke", "stroke") for name in Stroke.model_fields},
     "max_error_px": "max_error",
+    "stroke": "kinds",
     "project.width": "width",
     "project.height": "height",
+    "turn": "eye",
+    "turn.frames": "frames",
+    "turn.degrees": "degrees",
 }
 """Field of a request body -> query parameter."""
 
 ORBIT_ONLY = ("azimuth", "elevation", "distance")
-LINES_ONLY = {"line_kinds", "line_width", "line_color", "line_opacity", "line_orientation", "charcoal", "declutter"}
+STROKE_ONLY = {f"stroke_{name}" for name in Stroke.model_fields}
+LINES_ONLY = {"line_kinds", "line_width", "line_color", "line_opacity", "line_orientation", "charcoal", "declutter"} | STROKE_ONLY
 EYE_ONLY = ("target", "up", "projection", "height_units")
 
 
@@ -94,7 +114,27 @@ class CameraQuery(BaseModel):
         return camera | ({} if self.height_units is None else {"height": self.height_units})
 
 
-class SilhouetteQuery(CameraQuery):
+class StrokeQuery(BaseModel):
+    """How lines change along themselves; a stroke is asked for by any of these."""
+
+    stroke_width_by: StrokeBy | None = Field(None, description="what the width of lines follows", examples=["depth"])
+    stroke_opacity_by: StrokeBy | None = Field(None, description="what the opacity of lines follows", examples=["curvature"])
+    stroke_least: float = Field(0.25, description="share of width and opacity where a line is weakest", examples=[0.1])
+    stroke_nib_deg: float = Field(40.0, description="direction of the nib, of `angle`: 0 to the right, 90 upwards", examples=[30])
+    stroke_dash: str | None = Field(None, description="pixels along the line: dash,gap,dash,gap,...", examples=["12,6"])
+    stroke_wobble_px: float = Field(0.0, description="pixels by which lines leave where they are, at most", examples=[2.0])
+    stroke_wobble_length_px: float = Field(40.0, description="pixels from one sway of the wobble to the next", examples=[40.0])
+    stroke_seed: int = Field(0, description="of the wobble: the same gives the same lines", examples=[1])
+
+    def stroke(self) -> dict[str, Any] | None:
+        """The stroke as a request body has it, None where nothing of it is given. Raises InvalidRequestError for a dash of no numbers."""
+        given = {name.removeprefix("stroke_"): getattr(self, name) for name in self.model_fields_set & STROKE_ONLY}
+        if isinstance(given.get("dash"), str):
+            given["dash"] = [_number(part, "stroke_dash") for part in given["dash"].split(",")]
+        return given or None
+
+
+class SilhouetteQuery(CameraQuery, StrokeQuery):
     """A silhouette projected into an image."""
 
     contours: bool = Field(True, description="link the edges into closed contours")
@@ -128,10 +168,11 @@ class SilhouetteQuery(CameraQuery):
             simplify_px=self.simplify_px,
             smooth_px=self.smooth_px,
             line_width={} if self.line_width is None else dict.fromkeys(LineKind, self.line_width),
+            stroke=self.stroke(),
         )
 
 
-class RenderQuery(CameraQuery):
+class RenderQuery(CameraQuery, StrokeQuery):
     """A picture."""
 
     background: str = Field("transparent", description="`transparent` or rrggbb", examples=["transparent", "ffffff"])
@@ -201,8 +242,24 @@ class RenderQuery(CameraQuery):
             raise InvalidRequestError("line_kinds must be of silhouette, boundary, ridge and valley.", field="line_kinds")
         style = {"width": self.line_width, "color": _hash(self.line_color), "opacity": self.line_opacity}
         given = {kind: style if kind in kinds else None for kind in get_args(DrawnKind)}
-        more = {"charcoal": self.charcoal, "declutter": self.declutter, "orientation": self.line_orientation}
+        more = {"charcoal": self.charcoal, "declutter": self.declutter, "orientation": self.line_orientation, "stroke": self.stroke()}
         return {"method": self.lines, **given, **more}
+
+
+class TurntableQuery(RenderQuery):
+    """A picture that turns round."""
+
+    frames: int = Field(USUAL_FRAMES, description=f"how many, 1 to {MOST_FRAMES}", examples=[36])
+    degrees: float = Field(360.0, description="how far round; below 0 the other way")
+    fps: float = Field(25.0, description="frames a second, 0.1 to 100", examples=[25])
+    loop: int = Field(0, description="times that it is played, 0 for ever")
+
+    def sequence(self, form: SequenceFormat) -> SequenceRequest:
+        """The same as a request body. Raises InvalidFieldsError and InvalidRequestError with query names."""
+        picture = self.request(ImageFormat.PNG)
+        fields = {name: getattr(picture, name) for name in PictureRequest.model_fields}
+        turn = {"frames": self.frames, "degrees": self.degrees}
+        return _checked(SequenceRequest, **fields, turn=turn, fps=self.fps, loop=self.loop, format=form)
 
 
 def vector(text: str, field: str) -> list[float]:

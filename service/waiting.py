@@ -17,6 +17,8 @@ T = TypeVar("T")
 
 LOOK_S = 0.01
 """Between two looks of `wait_until`."""
+ROOM_S = 0.25
+"""Between two tries of `admitted`, at most."""
 
 
 async def wait_for(request: Request, future: Future[T], timeout_s: float) -> T:
@@ -38,6 +40,21 @@ async def wait_for(request: Request, future: Future[T], timeout_s: float) -> T:
             work.cancel()
             raise ClientDisconnect if left else BusyError("The service could not answer in time; try again in a moment.")
     return await work
+
+
+async def admitted(submit: Callable[[], Future[T]], timeout_s: float) -> Future[T]:
+    """What `submit` queues, which is tried again as long as there is no room: for a part of work that was admitted already.
+
+    Raises BusyError when there is none in time.
+    """
+    deadline = time.monotonic() + timeout_s
+    while True:
+        try:
+            return submit()
+        except BusyError as busy:
+            if time.monotonic() + busy.retry_after_s > deadline:
+                raise
+            await asyncio.sleep(min(busy.retry_after_s, ROOM_S))
 
 
 async def wait_until(request: Request, look: Callable[[], T | None], timeout_s: float) -> T:

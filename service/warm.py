@@ -25,7 +25,7 @@ from schemas import artifacts
 from schemas.artifacts import Layout
 from schemas.conventions import Array
 from schemas.errors import SilhouetteError
-from schemas.lines import LineKind, Lines
+from schemas.lines import LineKind, LineMethod, Lines, Stroke
 from schemas.manifest import FrameRecord, Manifest, StageRecord
 from schemas.mesh import Capability
 from schemas.render import (
@@ -45,6 +45,7 @@ from schemas.scene import Parts, SceneObject, SceneRequest
 from service.assets import MeshAsset, load_asset
 from service.camera import resolve_camera
 from service.hulls import Side, hull_file
+from service.moving import Moving
 from service.render.calibration import calibrate
 from service.render.edge_mesh import find_edges
 from service.render.renderer import Renderer
@@ -126,11 +127,21 @@ def warm(renderer: Renderer) -> None:
                     for write in (silhouette_json, silhouette_svg, silhouette_binary):
                         write(described)
             _describe_lines(asset)
+            _move(renderer, asset)
             hull_file(store, asset, Side.OUTER, len(asset.faces))
     except (SilhouetteError, CancelledError) as error:  # busy already, or closing: then requests do the warming
         log.info("not warmed: %s", error)
     else:
         log.info("warmed", extra={"seconds": round(clock.ms() / 1e3, 2)})
+
+
+def _move(renderer: Renderer, asset: MeshAsset) -> None:
+    """The octahedron with its vertices moved: drawn, without lines and with, and described without a tree."""
+    moved = Moving(asset).at(asset.frame.to_model(asset.positions))
+    for request in (RenderRequest(width=SIDE_PX, height=SIDE_PX), *_line_requests()):
+        renderer.submit_once(moved, request).result()
+    describe_silhouette(moved, SilhouetteRequest(camera=INSIDE, project=ProjectTo()))
+    _describe_lines(moved)
 
 
 def _describe_lines(asset: MeshAsset) -> None:
@@ -143,6 +154,8 @@ def _describe_lines(asset: MeshAsset) -> None:
             described = describe_silhouette(asset, wanted)
             for write in (silhouette_json, silhouette_svg, silhouette_binary, silhouette_dxf):
                 write(described)
+    stroke = Stroke(width_by="angle", opacity_by="curvature", dash=[6.0, 4.0], wobble_px=2.0)
+    silhouette_svg(describe_silhouette(asset, SilhouetteRequest(project=ProjectTo(), kinds=list(LineKind), stroke=stroke)))
 
 
 def _extract_together(asset: MeshAsset) -> None:
@@ -170,15 +183,20 @@ def _line_requests() -> Iterator[RenderRequest]:
         {"method": "translated", "orientation": "any"},
         {"method": "wireframe", **sharp},
         {"method": "fattened", "charcoal": True},
+        {"method": "strokes", "stroke": {"opacity_by": "depth"}},
     ):
         yield RenderRequest(width=SIDE_PX, height=SIDE_PX, lines=Lines.model_validate(lines))
 
 
 def _scenes() -> Iterator[SceneRequest]:
-    """Two that overlap in the picture, two that touch, and two that interlock; one of them stretched and mirrored."""
+    """Two that overlap in the picture, two that touch, and two that interlock; one of them stretched and mirrored. The last with lines."""
+    sharp = {"ridge": {}, "ridge_deg": 1.0}
     for shift in ([0.2, 0.1, -3.0], [1.0, 0.0, -1.0], [0.5, 0.3, 0.0]):
         other = SceneObject(mesh=MESH_ID, transform=Parts(translate=shift, scale=[-1.0, 1.0, 0.8]))
         yield SceneRequest(width=SIDE_PX, height=SIDE_PX, background="#102030", objects=[SceneObject(mesh=MESH_ID), other])
+    for method in (LineMethod.EDGE_MESH, LineMethod.WIREFRAME):
+        lined = other.model_copy(update={"lines": Lines.model_validate({"method": method, **sharp})})
+        yield SceneRequest(width=SIDE_PX, height=SIDE_PX, objects=[SceneObject(mesh=MESH_ID), lined], lines=Lines.model_validate(sharp))
 
 
 def octahedron(store: Store) -> MeshAsset:

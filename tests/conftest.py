@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
+import httpx
 import pytest
 
 from client.api import Client
-from client.local import LocalService
+from client.local import LocalKeys, LocalService
 from client.shapes import write_ply
 from tests import meshes
 
@@ -16,6 +18,37 @@ os.environ["SILHOUETTE_MEASURE"] = "false"  # of all processes that tests start,
 
 MAX_UPLOAD_MIB = 4
 HULL_FACES, TEXELS = 200, 256
+
+ORIGIN = "https://shop.example"
+GUARDED_ENVIRONMENT = {
+    "SILHOUETTE_REQUIRE_KEYS": "1",
+    "SILHOUETTE_CORS_ORIGINS": ORIGIN,
+    "SILHOUETTE_BEHIND_TLS": "1",
+    "SILHOUETTE_WARM_KERNELS": "0",
+}
+GUARDED_KEYS = {
+    "reader": {"scopes": ["read"]},
+    "writer": {"scopes": ["write"]},
+    "admin": {"scopes": ["admin"]},
+    "everything": {"scopes": ["read", "write", "admin"]},
+    "small": {"scopes": ["read", "write"], "limits": {"max_pixels": 10_000, "max_faces": 1000, "max_upload_mib": 1}},
+    "slow": {"scopes": ["read"], "limits": {"requests_per_minute": 5}},
+    "two": {"scopes": ["read"], "limits": {"requests_per_minute": 2}},
+    "single": {"scopes": ["read"], "limits": {"concurrent_renders": 1}},
+    "brief": {"scopes": ["read"], "expires_in_days": 1e-6},
+}
+
+
+@dataclass(frozen=True)
+class Guarded:
+    """The service, and the tokens of its keys by name."""
+
+    running: LocalService
+    tokens: dict[str, str]
+
+    def http(self, key: str | None = None) -> httpx.Client:
+        headers = {} if key is None else {"Authorization": f"Bearer {self.tokens[key]}"}
+        return httpx.Client(base_url=self.running.url, timeout=120.0, headers=headers)
 
 
 @pytest.fixture(scope="session")
@@ -58,8 +91,29 @@ def knot(client, knot_file):
     return client.wait(accepted.id, timeout_s=280.0)
 
 
+@pytest.fixture(scope="session")
+def guarded(tmp_path_factory):
+    """A service that asks for keys, with one key of each sort."""
+    data_dir = tmp_path_factory.mktemp("guarded")
+    keys = LocalKeys(data_dir)
+    tokens = {name: keys.add_key(name, **fields).token for name, fields in GUARDED_KEYS.items()}
+    with LocalService(data_dir, GUARDED_ENVIRONMENT, ("--workers", "1")) as running:
+        yield Guarded(running, tokens)
+        assert running.stop() == 0, running.last_words()
+
+
+@pytest.fixture(scope="session")
+def guarded_cube(guarded, tmp_path_factory):
+    """A mesh that is ready there."""
+    path = tmp_path_factory.mktemp("cube") / "cube.ply"
+    write_ply(str(path), *meshes.cube(4))
+    with Client(guarded.running.url, timeout_s=120.0, key=guarded.tokens["everything"]) as client:
+        return client.wait(client.upload(path, hull_faces=100, texels=64).id, timeout_s=200.0)
+
+
 def pytest_collection_modifyitems(items):
     """What uses the running service stays in one process of a parallel run, so that there is one service."""
     for item in items:
-        if "service" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.xdist_group("service"))
+        for name in ("service", "guarded"):
+            if name in getattr(item, "fixturenames", ()):
+                item.add_marker(pytest.mark.xdist_group(name))

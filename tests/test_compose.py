@@ -44,6 +44,19 @@ def test_compose_settings_are_valid(compose, monkeypatch):
         assert str(settings.data_dir) == "/data"
 
 
+def test_compose_without_keys_starts_and_is_published_on_this_machine_alone(compose, monkeypatch, tmp_path):
+    from service.access.policy import startup_fault
+    from service.settings import ServiceSettings
+
+    for name, value in compose["services"]["service"]["environment"].items():
+        monkeypatch.setenv(name, str(value))
+    command = compose["services"]["service"]["command"]
+    settings = ServiceSettings(host=command[command.index("--host") + 1], data_dir=tmp_path)
+    assert startup_fault(settings) is None
+    assert settings.insecure
+    assert all(port.startswith("127.0.0.1:") for port in compose["services"]["service"]["ports"])
+
+
 def test_compose_volumes_are_declared_and_shared_by_service_and_worker(compose):
     mounted = {role: [v.split(":")[0] for v in compose["services"][role]["volumes"]] for role in ("service", "worker", "redis")}
     assert {name for names in mounted.values() for name in names} <= set(compose["volumes"])

@@ -60,6 +60,28 @@ def test_tests_named_by_the_page_about_numerics_exist():
     assert [(file, test) for file, test in named if f"def {test}(" not in (ROOT / "tests" / file).read_text()] == []
 
 
+def test_the_page_about_access_has_every_scope_limit_and_way_to_be_refused():
+    from schemas.access import KeyLimits, Scope
+    from service.settings import ServiceSettings
+
+    text, api = (DOCS / "access.md").read_text(), (DOCS / "api.md").read_text()
+    words = [*(scope.value for scope in Scope), *KeyLimits.model_fields, errors.QuotaError.code]
+    settings = [f"SILHOUETTE_{name.upper()}" for name in KeyLimits.model_fields if name in ServiceSettings.model_fields]
+    assert len(settings) == len(KeyLimits.model_fields)
+    assert [word for word in (*words, *settings) if f"`{word}`" not in text] == []
+    assert [name for name in KeyLimits.model_fields if name not in api] == []
+
+
+def test_every_code_of_a_refusal_is_documented():
+    codes = {
+        code
+        for path in (ROOT / "service" / "access").glob("*.py")
+        for code in re.findall(r'Error\([^\n]*code="([a-z-]+)"', path.read_text())
+    }
+    assert {"missing-scope", "signature-wrong", "signature-expired"} <= codes
+    assert [code for code in sorted(codes) if f"`{code}`" not in (DOCS / "api.md").read_text()] == []
+
+
 @pytest.mark.parametrize("target", ["setup", "demo", "test", "bench", "check", "serve"])
 def test_make_targets_named_in_the_readme_exist(target):
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
@@ -68,7 +90,7 @@ def test_make_targets_named_in_the_readme_exist(target):
 
 def test_command_help_teaches_every_command():
     top = subprocess.run([sys.executable, "-m", "client.cli", "--help"], capture_output=True, text=True, check=True).stdout
-    for command in ("serve", "worker", "demo", "upload", "render", "silhouette"):
+    for command in ("serve", "worker", "demo", "upload", "render", "silhouette", "keys", "sign"):
         assert command in top
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ class LoadedMesh:
 
     positions (v, 3) f4 normalised; faces (f, 3) i4; shading: its normals, two or more at the vertices of creases; edges: the
     edge table, or None where the mesh is not closed and oriented; appearance: the tensors of artifacts.APPEARANCE, or None
-    where the file has no colour; repairs: what loading changed, as plain JSON.
+    where the file has no colour; repairs: what loading changed, as plain JSON. file_vertices: (v,) i4 as in artifacts.FILE_VERTICES.
     """
 
     frame: Frame
@@ -43,6 +43,7 @@ class LoadedMesh:
     stats: MeshStats
     clip: Capability
     repairs: dict[str, Any]
+    file_vertices: I4
 
 
 def _silent(_: float) -> None:
@@ -61,6 +62,8 @@ def load_mesh(
     """
     kind = normal_extension(extension)
     progress(0.0)
+    if options.max_faces is not None:
+        limits = replace(limits, max_faces=min(limits.max_faces, options.max_faces))
     parsed = parse_limited(path, kind, limits)
     progress(0.5)
     return build(parsed, options, progress)
@@ -82,7 +85,8 @@ def build(parsed: Parsed, options: PreprocessOptions, progress: Progress = _sile
     shading = shading_normals(surface.positions, faces)
     stats = _stats(frame, surface, edges)
     progress(1.0)
-    return LoadedMesh(frame, surface.positions, faces, shading, edges, _appearance(parsed, surface.corners), stats, clip, repairs)
+    appearance, numbers = _appearance(parsed, surface.corners), _file_vertices(parsed, frame, surface)
+    return LoadedMesh(frame, surface.positions, faces, shading, edges, appearance, stats, clip, repairs, numbers)
 
 
 def _framed(parsed: Parsed, repairs: dict[str, Any]) -> tuple[Frame, Surface]:
@@ -114,6 +118,20 @@ def _appearance(parsed: Parsed, corners: Array) -> dict[str, Array] | None:
         flat = tensor.reshape(-1, tensor.shape[-1]) if name.startswith("corner") else tensor
         taken[name] = np.ascontiguousarray(flat[corners] if name.startswith("corner") else flat)
     return taken
+
+
+def _file_vertices(parsed: Parsed, frame: Frame, surface: Surface) -> I4:
+    """(v,) i4: which vertex of the file each vertex is: the one at its first corner, or where that was another one, one at its place."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        placed = frame.to_normalised(parsed.positions).astype(np.float32)
+    found = np.empty(len(surface.positions), np.int64)
+    found[surface.faces.reshape(-1)[::-1]] = parsed.faces.reshape(-1)[surface.corners.reshape(-1)[::-1]]
+    other = np.flatnonzero((placed[found] != surface.positions).any(axis=1))
+    if len(other):
+        first, number = weld(np.concatenate([placed, surface.positions[other]]))
+        there = first[number[len(placed) :]]
+        found[other] = np.where(there < len(placed), there, -1)
+    return found.astype(np.int32)
 
 
 def _stats(frame: Frame, surface: Surface, edges: EdgeTable | None) -> MeshStats:

@@ -153,7 +153,7 @@ def loaded(mesh: LoadedMesh) -> Result:
     tensors: Tensors = {"positions": mesh.positions, "faces": mesh.faces, **mesh.shading.tensors()}
     if mesh.edges is not None:
         tensors |= {"edge_vertices": mesh.edges.vertices, "edge_faces": mesh.edges.faces}
-    kept = [(artifacts.MESH, tensors)]
+    kept: list[tuple[Layout, Tensors]] = [(artifacts.MESH, tensors), (artifacts.FILE_VERTICES, {"file_vertices": mesh.file_vertices})]
     if mesh.appearance is not None:
         kept.append((artifacts.APPEARANCE, mesh.appearance))
     report = {

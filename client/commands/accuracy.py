@@ -9,7 +9,7 @@ import typer
 from rich.table import Column, Table
 
 from client.api import DEFAULT_URL
-from client.commands.choosing import MeshArgument, Url, chosen
+from client.commands.choosing import Key, MeshArgument, Url, chosen
 from client.commands.console import escaped, out, write
 from schemas.ladder import AccuracyReport
 from schemas.render import Antialias, Source
@@ -31,6 +31,7 @@ def accuracy(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the plot here, as SVG.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Say what accuracy costs: the error and the time of every way a mesh can be drawn.
 
@@ -38,7 +39,7 @@ def accuracy(
 
     `silhouette accuracy 3f2a91 --size 256 --all` or `silhouette accuracy 3f2a91 -o accuracy.svg`
     """
-    with chosen(url, mesh) as (client, mesh_id):
+    with chosen(url, mesh, key) as (client, mesh_id):
         report = client.accuracy(mesh_id, size, device)
         plot = None if output is None else client.accuracy_plot(mesh_id, size, device)
     if output is not None and plot is not None:

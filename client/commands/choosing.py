@@ -17,6 +17,7 @@ from client.progress import upload_and_wait
 MESH_ID = re.compile(r"[0-9a-f]{4,32}")
 
 Url = Annotated[str, typer.Option("--url", envvar="SILHOUETTE_URL", help="Address of the service.")]
+Key = Annotated[str | None, typer.Option("--key", envvar="SILHOUETTE_API_KEY", help="API key, where the service asks for one.")]
 MeshArgument = Annotated[
     str, typer.Argument(metavar="ID|FILE", help="A mesh id, the beginning of one, or a file, which is uploaded first.")
 ]
@@ -28,18 +29,18 @@ IdArgument = Annotated[str, typer.Argument(metavar="ID", help="A mesh id or the 
 
 
 @contextmanager
-def chosen(url: str, mesh: str) -> Iterator[tuple[Client, str]]:
+def chosen(url: str, mesh: str, key: str | None = None) -> Iterator[tuple[Client, str]]:
     """A client of the service at `url` and the id that `mesh` means there. Raises ValueError when it means none."""
-    with Client(url) as client:
+    with Client(url, key=key) as client:
         yield client, mesh_id(client, mesh)
 
 
 @contextmanager
-def unkept(url: str, mesh: str) -> Iterator[tuple[Client, Path]]:
+def unkept(url: str, mesh: str, key: str | None = None) -> Iterator[tuple[Client, Path]]:
     """A client of the service at `url` and the file that is to be drawn once. Raises ValueError when there is none."""
     if not Path(mesh).is_file():
         raise ValueError(f"--once draws a file, and {mesh} is none")
-    with Client(url) as client:
+    with Client(url, key=key) as client:
         yield client, Path(mesh)
 
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import orjson
 import typer
 from rich.table import Column, Table
 
 from client.api import DEFAULT_URL, Client
-from client.commands.choosing import IdArgument, Url, chosen
+from client.commands.choosing import IdArgument, Key, Url, chosen
 from client.commands.console import err, escaped, out, print_json, write
+from client.commands.viewing import by_suffix
+from client.positions import original_of
 from client.progress import upload_and_wait
+from schemas.artifacts import ORIGINAL_GLB
 from schemas.mesh import DEFAULT_HULL_FACES, DEFAULT_TEXELS, MeshInfo
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
@@ -26,25 +31,29 @@ def upload(
     no_wait: Annotated[bool, typer.Option("--no-wait", help="Return when the service has the bytes.")] = False,
     as_json: AsJson = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Upload a mesh, wait until it is ready, and print its id.
 
     `silhouette upload bunny.ply` or `ID=$(silhouette upload bunny.ply --hull-faces 500)`
     """
     options: dict[str, Any] = {"hull_faces": hull_faces, "texels": texels, "repair": "never" if no_repair else "auto"}
-    with Client(url) as client:
+    with Client(url, key=key) as client:
         mesh = client.upload(file, **options) if no_wait else upload_and_wait(client, file, err, **options)
     print_json(mesh) if as_json else print(mesh.id)
 
 
 def list_meshes(
-    limit: Annotated[int, typer.Option(min=1, help="At most so many, newest first.")] = 50, as_json: AsJson = False, url: Url = DEFAULT_URL
+    limit: Annotated[int, typer.Option(min=1, help="At most so many, newest first.")] = 50,
+    as_json: AsJson = False,
+    url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """List the meshes of the service, newest first.
 
     `silhouette list` or `silhouette list --json | jq -r '.[].id'`
     """
-    with Client(url) as client:
+    with Client(url, key=key) as client:
         meshes = list(client.list(limit))
     if as_json:
         print(orjson.dumps([mesh.model_dump(mode="json", exclude_none=True) for mesh in meshes]).decode())
@@ -67,12 +76,12 @@ def list_meshes(
     out.print(table if meshes else "No meshes yet. Upload one: silhouette upload FILE")
 
 
-def info(mesh: IdArgument, as_json: AsJson = False, url: Url = DEFAULT_URL) -> None:
+def info(mesh: IdArgument, as_json: AsJson = False, url: Url = DEFAULT_URL, key: Key = None) -> None:
     """Say everything about a mesh: stages, measured facts, what it can do and what was repaired.
 
     `silhouette info 3f2a91`
     """
-    with chosen(url, mesh) as (client, mesh_id):
+    with chosen(url, mesh, key) as (client, mesh_id):
         found = client.info(mesh_id)
     if as_json:
         print_json(found)
@@ -83,12 +92,12 @@ def info(mesh: IdArgument, as_json: AsJson = False, url: Url = DEFAULT_URL) -> N
     out.print(table)
 
 
-def delete(mesh: IdArgument, url: Url = DEFAULT_URL) -> None:
+def delete(mesh: IdArgument, url: Url = DEFAULT_URL, key: Key = None) -> None:
     """Remove a mesh and everything made from it; what is being done for it is cancelled.
 
     `silhouette delete 3f2a91`
     """
-    with chosen(url, mesh) as (client, mesh_id):
+    with chosen(url, mesh, key) as (client, mesh_id):
         client.delete(mesh_id)
 
 
@@ -98,13 +107,34 @@ def hull(
     faces: Annotated[int | None, typer.Option(min=4, help="At most so many faces; as many as the drawn hull if not given.")] = None,
     inner: Annotated[bool, typer.Option("--inner", help="A hull that the mesh encloses, instead of one that encloses it.")] = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Write a hull of a mesh, of any size, as binary glTF.
 
     `silhouette hull 3f2a91 -o hull.glb --faces 500` or `silhouette hull 3f2a91 -o inside.glb --inner`
     """
-    with chosen(url, mesh) as (client, mesh_id):
+    with chosen(url, mesh, key) as (client, mesh_id):
         body = client.hull(mesh_id, faces, "inner" if inner else "outer")
+    write(output, body, f"{len(body) / 1024:.1f} KiB")
+
+
+def original(
+    mesh: IdArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .glb, or .npy for the vertices; - for GLB to stdout.")],
+    url: Url = DEFAULT_URL,
+    key: Key = None,
+) -> None:
+    """Write a mesh as the service has it: the vertices that `--positions` moves, in their order, and its faces.
+
+    `silhouette original 3f2a91 -o rest.npy`, then move what it holds and `silhouette frames 3f2a91 --positions moved.npy -o moved.webp`
+    """
+    as_array = by_suffix(output, {".glb": False, ".npy": True}, False)
+    with chosen(url, mesh, key) as (client, mesh_id):
+        body = client.download(mesh_id, ORIGINAL_GLB)
+    if as_array:
+        array_file = io.BytesIO()
+        np.save(array_file, original_of(body).positions, allow_pickle=False)
+        body = array_file.getvalue()
     write(output, body, f"{len(body) / 1024:.1f} KiB")
 
 

@@ -8,10 +8,25 @@ from typing import Annotated, Any
 import typer
 
 from client.api import DEFAULT_URL
-from client.commands.choosing import MeshArgument, Once, Url, chosen, unkept
+from client.commands.choosing import Key, MeshArgument, Once, Url, chosen, unkept
 from client.commands.console import write
-from client.commands.viewing import Azimuth, Elevation, Eye, Fov, MaxError, Size, Smooth, Target, by_suffix, camera_of, sides_of
-from schemas.lines import LineMethod
+from client.commands.viewing import (
+    Azimuth,
+    Elevation,
+    Eye,
+    Fov,
+    MaxError,
+    Moved,
+    Size,
+    Smooth,
+    StrokeFields,
+    Target,
+    by_suffix,
+    camera_of,
+    sides_of,
+    stroke_of,
+)
+from schemas.lines import LineKind, LineMethod
 from schemas.render import Antialias, Fill, ImageFormat, ShadingMode, Source
 
 IMAGE_SUFFIXES = {
@@ -48,9 +63,12 @@ def render(  # noqa: PLR0913 - the options of a command are its language
     lines: Annotated[LineMethod | None, typer.Option(help="Draw lines over it, by this method; from the original mesh.")] = None,
     line_width: Annotated[float, typer.Option(help="Pixels.")] = 1.5,
     ridges: Annotated[bool, typer.Option("--ridges", help="Lines at sharp edges, too.")] = False,
+    stroke: StrokeFields = None,
     fill: Annotated[Fill, typer.Option(help="What lies under lines: the shaded surface, white, or nothing.")] = Fill.SHADED,
+    positions: Moved = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Render a picture of a mesh.
 
@@ -60,18 +78,22 @@ def render(  # noqa: PLR0913 - the options of a command are its language
 
     `silhouette render part.stl -o drawing.png --lines edge_mesh --ridges --fill white`
 
+    `silhouette render bunny.ply -o sketch.png --lines strokes --line-width 4 --stroke width_by=angle --stroke wobble_px=2 --fill white`
+
     `silhouette render part.stl -o part.png --once` keeps nothing of it.
 
     `silhouette render 3f2a91 -o - --eye 0,0,3 --background "#ffffff" | display`
     """
     width, height = sides_of(size)
+    if stroke and lines is None:
+        raise ValueError("--stroke needs --lines strokes")
     fields = {
         "camera": camera_of(azimuth, elevation, eye, target, fov),
         "width": width,
         "height": height,
         "background": background,
         "shading": {"mode": shading, "fill": fill},
-        "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges),
+        "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges) | {"stroke": stroke_of(stroke)},
         "accuracy": {
             "antialias": antialias,
             "source": source,
@@ -86,12 +108,19 @@ def render(  # noqa: PLR0913 - the options of a command are its language
         "format": by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG),
     }
     if once:
-        with unkept(url, mesh) as (client, path):
+        _unmoved(positions)
+        with unkept(url, mesh, key) as (client, path):
             picture = client.picture_once(path, **fields)
     else:
-        with chosen(url, mesh) as (client, mesh_id):
-            picture = client.picture(mesh_id, **fields)
+        with chosen(url, mesh, key) as (client, mesh_id):
+            picture = client.picture(mesh_id, positions=positions, **fields)
     write(output, picture.body, f"{picture.frame_ms:.1f} ms: {picture.plan} ({picture.accuracy})")
+
+
+def _unmoved(positions: Path | None) -> None:
+    """Raise ValueError for positions of a file that is not kept."""
+    if positions is not None:
+        raise ValueError("--positions moves a mesh that the service keeps; with --once, give the file as it is to be drawn")
 
 
 def lines_of(method: LineMethod, width: float, *, ridges: bool) -> dict[str, Any]:
@@ -119,14 +148,20 @@ def silhouette(  # noqa: PLR0913 - as above
     angle: Annotated[float, typer.Option(help="Degrees by which faces turn at a ridge, valley or crease, at least.")] = 60.0,
     simplify_px: Annotated[float | None, typer.Option(help="Leave out points of lines that are so near to what remains.")] = None,
     smooth_px: Annotated[float | None, typer.Option(help="Round corners of lines, at most so far from where they are.")] = None,
+    line_width: Annotated[float | None, typer.Option(help="Pixels, of all lines of a drawing.")] = None,
+    stroke: StrokeFields = None,
+    positions: Moved = None,
     once: Once = False,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Write the silhouette of a mesh as a drawing (SVG, DXF) or as edges and closed contours (JSON).
 
     `silhouette silhouette bunny.ply -o bunny.svg --azimuth 40`
 
     `silhouette silhouette part.stl -o part.dxf --visible-only --kinds silhouette,ridge,valley --angle 30`
+
+    `silhouette silhouette bunny.ply -o sketch.svg --visible-only --line-width 5 --stroke width_by=depth --stroke wobble_px=2`
 
     `silhouette silhouette 3f2a91 -o - | jq .edge_count`
     """
@@ -141,10 +176,12 @@ def silhouette(  # noqa: PLR0913 - as above
     }
     fields |= {"kinds": None if kinds is None else kinds.split(","), "visible_only": visible_only}
     fields |= {"ridge_deg": angle, "valley_deg": angle, "crease_deg": angle, "simplify_px": simplify_px, "smooth_px": smooth_px}
+    fields |= {"line_width": {} if line_width is None else dict.fromkeys(LineKind, line_width), "stroke": stroke_of(stroke)}
     if once:
-        with unkept(url, mesh) as (client, path):
+        _unmoved(positions)
+        with unkept(url, mesh, key) as (client, path):
             body = client.silhouette_once(path, form, **fields)
     else:
-        with chosen(url, mesh) as (client, mesh_id):
-            body = client.silhouette_document(mesh_id, form, **fields)
+        with chosen(url, mesh, key) as (client, mesh_id):
+            body = client.silhouette_document(mesh_id, form, positions=positions, **fields)
     write(output, body, f"{len(body) / 1024:.1f} KiB")

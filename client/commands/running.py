@@ -18,15 +18,19 @@ def serve(
     port: Annotated[int, typer.Option(help="Port; 0 takes a free one.")] = 8000,
     data_dir: Annotated[Path | None, typer.Option(help="Folder of everything that is kept.")] = None,
     workers: Annotated[int | None, typer.Option(help="Worker processes; as many as processors if not given.")] = None,
+    insecure: Annotated[bool, typer.Option("--insecure", help="Listen for other machines though there is no key.")] = False,
 ) -> None:
     """Run the service: API, web page, queue and workers on this machine.
 
     With SILHOUETTE_REDIS_URL set it uses that Redis and starts neither queue nor workers.
 
+    For other machines it needs a key first (`silhouette keys add`).
+
     `silhouette serve --port 8000 --data-dir ./data`
     """
     flags = {"--host": host, "--port": port, "--data-dir": data_dir, "--workers": workers}
-    _become("service", [text for flag, value in flags.items() if value is not None for text in (flag, str(value))])
+    given = [text for flag, value in flags.items() if value is not None for text in (flag, str(value))]
+    _become("service", [*given, *(["--insecure"] if insecure else [])])
 
 
 def worker() -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from client.api import DEFAULT_URL, Client
-from client.commands.choosing import Url, mesh_id
+from client.commands.choosing import Key, Url, mesh_id
 from client.commands.console import write
 from client.commands.pictures import IMAGE_SUFFIXES
 from client.commands.viewing import by_suffix, sides_of
@@ -24,11 +24,14 @@ def scene(
     output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .png, .webp, .jpg or .raw; - for PNG to stdout.")],
     size: Annotated[str | None, typer.Option(metavar="WxH", help="Pixels, instead of what the file says.")] = None,
     url: Url = DEFAULT_URL,
+    key: Key = None,
 ) -> None:
     """Render several meshes with transforms in one picture.
 
     In the file, `mesh` of an object may be an id, the beginning of one, or the path of a mesh beside the file, which is uploaded first:
     `{"objects": [{"mesh": "bunny.ply"}, {"mesh": "3f2a91", "transform": {"translate": [2, 0, 0], "scale": 0.5}}]}`
+
+    With `"lines": {}` beside the objects, or in one of them, silhouettes are drawn; `"lines": {"ridge": {}}` adds ridges.
 
     `silhouette scene scene.json -o scene.png --size 800x600`
     """
@@ -37,7 +40,7 @@ def scene(
         fields["width"], fields["height"] = sides_of(size)
     fields["format"] = by_suffix(output, IMAGE_SUFFIXES, ImageFormat.PNG)
     objects = fields.pop("objects", [])
-    with Client(url) as client:
+    with Client(url, key=key) as client:
         known: dict[str, str] = {}
         objects = [_with_id(client, item, file.parent, known) for item in objects]
         picture = client.scene_picture(objects, **fields)

@@ -17,6 +17,21 @@ Smooth = Annotated[bool, typer.Option("--smooth", help="Curve the outline by the
 MaxError = Annotated[
     float | None, typer.Option(help="Pixels by which the outline may be off, which makes it faster; exact if not given.", min=0.0)
 ]
+StrokeFields = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--stroke",
+        metavar="FIELD=VALUE",
+        help="How lines change along themselves: width_by or opacity_by=depth, curvature or angle; least=0.2; nib_deg=40; dash=12,6; "
+        "wobble_px=2; wobble_length_px=40; seed=1. May be given several times.",
+    ),
+]
+Moved = Annotated[
+    Path | None,
+    typer.Option(
+        "--positions", metavar="FILE", exists=True, dir_okay=False, help="Move the vertices: .npy or bare float32; see `original`."
+    ),
+]
 Size = Annotated[str, typer.Option(metavar="WxH", help="Pixels, like 800x600, or one number for a square.")]
 
 
@@ -28,6 +43,17 @@ def camera_of(azimuth: float, elevation: float, eye: str | None, target: str | N
         return {"orbit": {"azimuth_deg": azimuth, "elevation_deg": elevation, "fov_y_deg": fov}}
     place: dict[str, Any] = {"eye": _vector(eye, "--eye"), "fov_y_deg": fov}
     return place if target is None else place | {"target": _vector(target, "--target")}
+
+
+def stroke_of(given: list[str] | None) -> dict[str, Any] | None:
+    """A stroke as requests hold it, from options like `dash=12,6`; None without any. Raises ValueError for what is not of that form."""
+    stroke: dict[str, Any] = {}
+    for option in given or []:
+        name, equals, value = option.partition("=")
+        if not (name and equals and value):
+            raise ValueError("--stroke takes a field and its value, like wobble_px=2")
+        stroke[name] = value.split(",") if name == "dash" else value
+    return stroke or None
 
 
 def _vector(text: str, option: str) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from service.kernels.line_image import T0, T1, X0, X1, Y0, Y1
+from service.kernels.line_image import NEAR0, NEAR1, T0, T1, X0, X1, Y0, Y1
 
 NOWHERE = -1
 """Node of an end that is a cut: nothing goes on there."""
@@ -15,12 +15,13 @@ STRAIGHT = 0.0
 
 @njit(cache=True, nogil=True)
 def runs_of(lines, nodes, kinds, line, spans, seen):
-    """(points (r, 4) f8, at (r, 2) i4, kind (r,) u1, in_sight (r,) bool): pieces of a line that are one after the other and alike, as one.
+    """(points (r, 2, 3) f8, at (r, 2) i4, kind (r,) u1, in_sight (r,) bool): pieces of a line that follow one another and are alike as one.
 
-    points: both ends in pixels; at: the nodes there. line, spans: `line_pieces.cut_lines`; seen: `line_sight.pieces_in_sight`.
+    points: both ends in pixels, and how near they are (`line_image.NEAR0`); at: the nodes there. line, spans: `line_pieces.cut_lines`;
+    seen: `line_sight.pieces_in_sight`.
     """
     count = line.shape[0]
-    points, at = np.empty((count, 4)), np.empty((count, 2), np.int32)
+    points, at = np.empty((count, 2, 3)), np.empty((count, 2), np.int32)
     kind, in_sight = np.empty(count, np.uint8), np.empty(count, np.bool_)
     runs, i = 0, 0
     while i < count:
@@ -31,8 +32,9 @@ def runs_of(lines, nodes, kinds, line, spans, seen):
             s = spans[j, 1] if end else spans[i, 0]
             x0, y0, x1, y1 = lines[n, X0], lines[n, Y0], lines[n, X1], lines[n, Y1]
             whole = s == 1.0 if end else s == 0.0
-            points[runs, 2 * end] = (x1 if end else x0) if whole else x0 + s * (x1 - x0)
-            points[runs, 2 * end + 1] = (y1 if end else y0) if whole else y0 + s * (y1 - y0)
+            points[runs, end, 0] = (x1 if end else x0) if whole else x0 + s * (x1 - x0)
+            points[runs, end, 1] = (y1 if end else y0) if whole else y0 + s * (y1 - y0)
+            points[runs, end, 2] = lines[n, NEAR0] + s * (lines[n, NEAR1] - lines[n, NEAR0])
             ends_there = lines[n, T1] == 1.0 if end else lines[n, T0] == 0.0
             at[runs, end] = nodes[n, end] if whole and ends_there else NOWHERE
         kind[runs], in_sight[runs] = kinds[n], seen[i]
@@ -45,8 +47,8 @@ def runs_of(lines, nodes, kinds, line, spans, seen):
 def _cosine(points, one, two):
     """How straight two ends of runs, 2 r + end, go on into each other: 1 for straight on, -1 for back."""
     a, b = one // 2, two // 2
-    ax, ay = points[a, 2] - points[a, 0], points[a, 3] - points[a, 1]
-    bx, by = points[b, 2] - points[b, 0], points[b, 3] - points[b, 1]
+    ax, ay = points[a, 1, 0] - points[a, 0, 0], points[a, 1, 1] - points[a, 0, 1]
+    bx, by = points[b, 1, 0] - points[b, 0, 0], points[b, 1, 1] - points[b, 0, 1]
     if one % 2 == 0:
         ax, ay = -ax, -ay
     if two % 2 == 1:
@@ -115,18 +117,18 @@ def chain(points, at, kind, in_sight):
 
 @njit(cache=True, nogil=True)
 def polylines(points, at, ends, offsets, closed):
-    """(places (n, 2) f8, nodes (n,) i4, starts (l + 1,) i4): the points of the polylines; of a closed one the first is not repeated."""
+    """(places (n, 3) f8, nodes (n,) i4, starts (l + 1,) i4): the points of the polylines; of a closed one the first is not repeated."""
     total = ends.shape[0] + offsets.shape[0]
-    places, nodes, starts = np.empty((total, 2)), np.empty(total, np.int32), np.zeros(offsets.shape[0], np.int32)
+    places, nodes, starts = np.empty((total, 3)), np.empty(total, np.int32), np.zeros(offsets.shape[0], np.int32)
     n = 0
     for i in range(offsets.shape[0] - 1):
         for k in range(offsets[i], offsets[i + 1]):
             run, end = ends[k] // 2, ends[k] % 2
-            places[n, 0], places[n, 1], nodes[n] = points[run, 2 * end], points[run, 2 * end + 1], at[run, end]
+            places[n], nodes[n] = points[run, end], at[run, end]
             n += 1
         if not closed[i]:
             run, end = ends[offsets[i + 1] - 1] // 2, 1 - ends[offsets[i + 1] - 1] % 2
-            places[n, 0], places[n, 1], nodes[n] = points[run, 2 * end], points[run, 2 * end + 1], at[run, end]
+            places[n], nodes[n] = points[run, end], at[run, end]
             n += 1
         starts[i + 1] = n
     return places[:n].copy(), nodes[:n].copy(), starts

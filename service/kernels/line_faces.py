@@ -153,13 +153,14 @@ def layer_edges(layer, of_layer, side, turned, faces, inner, beside, ends):
     """Edges inner (e, 2) i4, with faces beside (e, 2) i4, over which the surface turns away from the nearest layer; their count.
 
     A row of ends (n, 4) i4, which is filled: start, end, third corner of the face that is of the layer (of_layer 1) or the one that is
-    not (0), and 1 where that is front-facing, -1 where not.
+    not (0), the front-facing one where both are, and 1 where that is front-facing, -1 where not.
     """
     count = 0
     for i in range(inner.shape[0]):
         one, other = np.uint32(beside[i, 0]), np.uint32(beside[i, 1])
-        if layer[one] != layer[other] and (side[one] >> 1) ^ turned[one] != (side[other] >> 1) ^ turned[other]:
-            _put_edge(one if layer[one] == of_layer else other, inner[i, 0], inner[i, 1], side, faces, ends[count])
+        if (layer[one] or layer[other]) and (side[one] >> 1) ^ turned[one] != (side[other] >> 1) ^ turned[other]:
+            first = layer[one] == of_layer if layer[one] != layer[other] else (side[one] == FRONT) == (of_layer == 1)
+            _put_edge(one if first else other, inner[i, 0], inner[i, 1], side, faces, ends[count])
             count += 1
     return count
 

@@ -55,7 +55,7 @@ def _first_half(points, first, last):
 
 @njit(cache=True, nogil=True)
 def simplify(points, starts, closed, tolerance):
-    """(n,) bool: which points (n, 2) f8 of polylines stay, so that none is farther than `tolerance` from the line of those that do.
+    """(n,) bool: which points (n, 2 or more) f8 of polylines stay, so that none is farther than `tolerance` from the line of those that do.
 
     Polyline i is points[starts[i]:starts[i + 1]]; of closed (l,) bool ones the last point joins the first.
     """
@@ -70,8 +70,8 @@ def simplify(points, starts, closed, tolerance):
         if count <= 2:
             keep[first:last] = True
             continue
-        loop[:count] = points[first:last]
-        loop[count] = points[first]  # the last side of a closed one ends where it began
+        loop[:count] = points[first:last, :2]
+        loop[count] = points[first, :2]  # the last side of a closed one ends where it began
         end, kept = count if closed[i] else count - 1, np.zeros(count + 1, np.bool_)
         kept[0], kept[end] = True, True
         middle = _first_half(loop, 0, count) if closed[i] else 0
@@ -97,24 +97,27 @@ def _round_corner(points, before, corner, after, tolerance, out, n):
         t = k / STEPS
         start, end = scale * (1.0 - t) * (1.0 - t), scale * t * t
         out[n, 0], out[n, 1] = px + start * ax + end * bx, py + start * ay + end * by
+        for c in range(2, points.shape[1]):
+            value = points[corner, c]
+            out[n, c] = value + 0.5 * (start * (points[before, c] - value) + end * (points[after, c] - value))
         n += 1
     return n
 
 
 @njit(cache=True, nogil=True)
 def smooth(points, starts, closed, tolerance):
-    """(rounded (m, 2) f8, starts (l + 1,) i4): polylines with their corners rounded, nowhere farther than `tolerance` from the corners.
+    """(rounded (m, k) f8, starts (l + 1,) i4): polylines with their corners rounded, nowhere farther than `tolerance` from the corners.
 
-    Arguments as those of `simplify`; the ends of open polylines stay.
+    Arguments as those of `simplify`, points (n, k) with what is linear along the lines in further columns; the ends of open polylines stay.
     """
-    out = np.empty((points.shape[0] * (STEPS + 1), 2))
+    out = np.empty((points.shape[0] * (STEPS + 1), points.shape[1]))
     ends, n = np.zeros(starts.shape[0], np.int32), 0
     for i in range(closed.shape[0]):
         first, last = starts[i], starts[i + 1]
         for k in range(first, last):
             is_end = not closed[i] and (k == first or k == last - 1)
             if is_end or last - first < 3:
-                out[n, 0], out[n, 1] = points[k, 0], points[k, 1]
+                out[n] = points[k]
                 n += 1
             else:
                 before, after = (k - 1 if k > first else last - 1), (k + 1 if k < last - 1 else first)

@@ -21,8 +21,12 @@ from numba import njit
 INNER_PX = 0.5
 """A fattened edge begins so far inside its face, so that no sample is missed between it and the surface."""
 MARGIN_PX = 2.0
-LARGEST_GAIN = 3.0
-"""Most pixels by which a fattened face comes nearer on each pixel that it grows: that of one whose normal is 70 degrees off V."""
+MOST_ROUND = 0.5 * math.pi
+ROUND_FALL, SHARP_FALL = 1.0, 40.0
+"""Pixels' sizes that a fattened edge's corner falls away by on each pixel beyond its end: of a turn up to MOST_ROUND, of a sharper one."""
+LARGEST_GAIN, LARGEST_RISE_PX = 3.0, 6.0
+"""Most pixels' sizes by which a fattened face comes nearer on each pixel that it grows, that of one whose normal is 70 degrees off V; and
+across its whole width: a steep wide one would come before all else."""
 
 
 class StrokeView(NamedTuple):
@@ -68,15 +72,18 @@ def corners_of(fattened, steps):
 
 
 @njit(cache=True, nogil=True)
-def make_strokes(view, pen, positions, ends, fattened, vertices, indices):
+def make_strokes(view, pen, positions, ends, turns, vertices, indices):
     """Fans for ends (n, 4) i4 (`line_faces.layer_edges`; of capsules only the first two columns count) into vertices (n corners, 3) f4
-    and indices (n 3 (corners - 2)) i4. Returns how many strokes there are: those outside the picture are none.
+    and indices (n 3 (corners - 2)) i4. turns (n, 2) f8 (`stroke_turns.turns_at_ends`) of fattened edges; (0, 2) for capsules.
+    Returns how many strokes there are: those outside the picture are none.
     """
+    fattened = turns.shape[0] > 0
     corners, steps = corners_of(fattened, pen.steps), pen.steps
     turn = 0.5 * math.pi / steps
     cosines, sines = np.empty(steps + 1), np.empty(steps + 1)
     for k in range(steps + 1):
         cosines[k], sines[k] = math.cos(k * turn), math.sin(k * turn)
+    most_gain = min(LARGEST_GAIN, LARGEST_RISE_PX / pen.radius)
     segment = np.empty(8)
     count = 0
     for i in range(ends.shape[0]):
@@ -85,19 +92,29 @@ def make_strokes(view, pen, positions, ends, fattened, vertices, indices):
             continue
         base = count * corners
         if fattened:
-            gain = min(max(_gain(view, positions, a, b, ends[i, 2]), pen.least_gain), LARGEST_GAIN)
-            _fatten(view, segment, gain, view.flip * ends[i, 3], cosines, sines, vertices[base : base + corners])
+            gain = min(max(_gain(view, positions, a, b, ends[i, 2]), pen.least_gain), most_gain)
+            _fatten(view, segment, gain, view.flip * ends[i, 3], turns[i], steps, vertices[base : base + corners])
         else:
             if pen.most_rise > 0.0 and ends.shape[1] == 4:
                 rise = min(max(-_gain(view, positions, a, b, ends[i, 2]), 0.0), pen.most_rise)
                 segment[2] = _gained(view, segment[2], rise * segment[3])
                 segment[6] = _gained(view, segment[6], rise * segment[7])
             _capsule(segment, cosines, sines, vertices[base : base + corners])
-        for k in range(corners - 2):
-            at = 3 * (count * (corners - 2) + k)
-            indices[at], indices[at + 1], indices[at + 2] = base, base + k + 1, base + k + 2
+        _join(fattened, steps, corners, base, indices[3 * count * (corners - 2) :])
         count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def _join(fattened, steps, corners, base, indices):
+    """Triangles of a stroke whose corners begin at base: a fan about its first one, but of a fattened edge's other end about its last."""
+    for k in range(corners - 2):
+        apex, second, third = 0, k + 1, k + 2
+        if fattened and k == corners - 3:
+            second, third = steps + 2, corners - 1
+        elif fattened and k > steps:
+            apex = corners - 1
+        indices[3 * k], indices[3 * k + 1], indices[3 * k + 2] = base + apex, base + second, base + third
 
 
 @njit(cache=True, nogil=True)
@@ -212,32 +229,37 @@ def _gain(view, positions, a, b, c):
 
 
 @njit(cache=True, nogil=True)
-def _fatten(view, segment, gain, facing, cosines, sines, vertices):
-    """What a face has beyond one of its edges once it is fatter, in its plane; quarters of a circle where the next edge's begins.
+def _fatten(view, segment, gain, facing, turns, steps, vertices):
+    """What a face has beyond one of its edges once it is fatter, in its plane; rounded at its ends as far as the outline turns outwards.
 
-    Those fall away from the eye: where the outline turns inwards they are over the surface, which hides them so.
+    Of an end where that is not known a quarter of a circle falls away from the eye, so that the surface hides what is over it; so does one
+    of a sharp turn, which a fold of the surface before itself has.
     """
     tx, ty = _along(segment)
     # counter-clockwise as seen: the face is on the left, which is up and to the right where y runs down
     nx, ny = -facing * ty, facing * tx
-    steps = cosines.shape[0] - 1
     k = 0
     for end in range(2):
         x, y, depth, r = segment[4 - 4 * end], segment[5 - 4 * end], segment[6 - 4 * end], segment[7 - 4 * end]
+        turn = turns[1 - end]
+        fall = ROUND_FALL if turn <= MOST_ROUND else SHARP_FALL
+        angle = min(turn, MOST_ROUND) / steps
+        if angle <= 0.0:
+            cosine, sine, out, beyond = 1.0, 0.0, 1.0, 0.0
+        elif end == 0:  # to the outward direction
+            cosine, sine = math.cos(angle), -math.sin(angle)
+            out, beyond = math.cos(angle * steps), math.sin(angle * steps)
+        else:  # from there
+            cosine, sine, out, beyond = math.cos(angle), math.sin(angle), 1.0, 0.0
         if end == 0:
             _put(vertices, k, x - INNER_PX * nx, y - INNER_PX * ny, _gained(view, depth, -INNER_PX * gain))
             k += 1
-        for i in range(steps + 1):
-            out = sines[i] if end == 0 else cosines[i]
-            beyond = cosines[i] if end == 0 else -sines[i]
-            _put(
-                vertices,
-                k,
-                x + r * (out * nx + beyond * tx),
-                y + r * (out * ny + beyond * ty),
-                _gained(view, depth, r * (out * gain - abs(beyond))),
-            )
+        for _ in range(steps + 1):
+            aside = beyond if end == 0 else -beyond
+            at_x, at_y = x + r * (out * nx + aside * tx), y + r * (out * ny + aside * ty)
+            _put(vertices, k, at_x, at_y, _gained(view, depth, r * (out * gain - fall * beyond)))
             k += 1
+            out, beyond = out * cosine - beyond * sine, beyond * cosine + out * sine
         if end == 1:
             _put(vertices, k, x - INNER_PX * nx, y - INNER_PX * ny, _gained(view, depth, -INNER_PX * gain))
 

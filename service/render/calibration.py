@@ -14,11 +14,12 @@ import numpy as np
 from geometry.tile_layout import TileLayout
 from geometry.topology import build_edges
 from schemas.conventions import F4, I4, Array, Frame
-from schemas.lines import LineMethod, Lines, LineStyle
+from schemas.lines import LineMethod, Lines, LineStyle, Stroke
 from schemas.mesh import Capability
 from schemas.render import Accuracy, RenderRequest, Source
 from service.assets import MeshAsset
 from service.costs import AREA, BEYOND, EDGES, FACES, FIXED, IMAGE, SAMPLES, SIDE, TERMS_OF, kind_of
+from service.moving import Moving
 from service.render.frame import RenderedImage
 from service.render.line_plan import LINE_PASSES
 from service.rungs import SURFACE
@@ -29,7 +30,11 @@ Submit = Callable[[MeshAsset, RenderRequest], Future[RenderedImage]]
 SPHERES = ((3, 2), (6, 3))
 """How often the faces of an octahedron are split in four, for the mesh and for its hull."""
 SIDES_PX = (96, 400)
-LINES = (Lines(method=LineMethod.FATTENED, charcoal=True, orientation="any", ridge=LineStyle(), ridge_deg=0.1), Lines())
+LINES = (
+    Lines(method=LineMethod.FATTENED, charcoal=True, orientation="any", ridge=LineStyle(), ridge_deg=0.1),
+    Lines(method=LineMethod.STROKES, stroke=Stroke(width_by="depth")),
+    Lines(),
+)
 """Have all passes that lines can have between them."""
 FRAMES = 2
 """Timed ones of each kind, after one that is not."""
@@ -58,7 +63,16 @@ def calibrate(submit: Submit) -> dict[str, dict[str, float]]:
             images = [submit(asset, request).result() for _ in range(FRAMES + 1)][1:]
             for kind, sample in _samples(asset, request, images):
                 samples[kind].append(sample)
+        samples["deform"] += _moved(submit, asset)
     return {kind: _fitted(kind.rpartition("/")[2], of_kind) for kind, of_kind in samples.items()}
+
+
+def _moved(submit: Submit, asset: MeshAsset) -> Iterator[_Sample]:
+    """The pass that gives a mesh other positions, each time anew."""
+    moving, places = Moving(asset), asset.frame.to_model(asset.positions)
+    request = RenderRequest(width=SIDES_PX[0], height=SIDES_PX[0])
+    images = [submit(moving.at(places), request).result() for _ in range(FRAMES + 1)][1:]
+    return (sample for kind, sample in _samples(asset, request, images) if kind == "deform")
 
 
 def sphere(level: int, of_hull: int) -> MeshAsset:

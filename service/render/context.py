@@ -42,7 +42,7 @@ _KEEP, _INCREMENT_WRAP, _DECREMENT_WRAP = 0x1E00, 0x8507, 0x8508
 _FRAMEBUFFER, _RENDERBUFFER = 0x8D40, 0x8D41
 _FRAMEBUFFER_SRGB = 0x8DB9
 _DEPTH24_STENCIL8, _DEPTH_STENCIL_ATTACHMENT = 0x88F0, 0x821A
-_DEPTH_STENCIL, _UNSIGNED_INT_24_8 = 0x84F9, 0x84FA
+_DEPTH_STENCIL, _UNSIGNED_INT_24_8, _FLOAT_32_UNSIGNED_INT_24_8_REV = 0x84F9, 0x84FA, 0x8DAD
 _FRAMEBUFFER_COMPLETE = 0x8CD5
 _TEXTURE_2D, _TEXTURE_2D_MULTISAMPLE, _TEXTURE0 = 0x0DE1, 0x9100, 0x84C0
 _MIN_FILTER, _MAG_FILTER, _MAX_LEVEL, _NEAREST = 0x2801, 0x2800, 0x813D, 0x2600
@@ -255,15 +255,22 @@ class GlContext:
 
     def attach_depth_texture(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
         """The same as a texture, which a shader can read its depth from; the name to use and to delete it by."""
+        return self._attach_texture(framebuffer, size, samples, (_DEPTH24_STENCIL8, _UNSIGNED_INT_24_8))
+
+    def attach_float_depth_texture(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int) -> int:
+        """The same with 32-bit floats of depth."""
+        return self._attach_texture(framebuffer, size, samples, (_DEPTH32F_STENCIL8, _FLOAT_32_UNSIGNED_INT_24_8_REV))
+
+    def _attach_texture(self, framebuffer: moderngl.Framebuffer, size: tuple[int, int], samples: int, layout: tuple[int, int]) -> int:
         name = _U()
         self._gl["glGenTextures"](1, ctypes.byref(name))
         kind = _TEXTURE_2D_MULTISAMPLE if samples else _TEXTURE_2D
         self._gl["glActiveTexture"](_TEXTURE0 + SPARE_UNIT)
         self._gl["glBindTexture"](kind, name)
         if samples:
-            self._gl["glTexImage2DMultisample"](kind, samples, _DEPTH24_STENCIL8, *size, 1)
+            self._gl["glTexImage2DMultisample"](kind, samples, layout[0], *size, 1)
         else:
-            self._gl["glTexImage2D"](kind, 0, _DEPTH24_STENCIL8, *size, 0, _DEPTH_STENCIL, _UNSIGNED_INT_24_8, None)
+            self._gl["glTexImage2D"](kind, 0, layout[0], *size, 0, _DEPTH_STENCIL, layout[1], None)
             for parameter, value in ((_MIN_FILTER, _NEAREST), (_MAG_FILTER, _NEAREST), (_MAX_LEVEL, 0)):
                 self._gl["glTexParameteri"](kind, parameter, value)
         self._gl["glBindFramebuffer"](_FRAMEBUFFER, framebuffer.glo)

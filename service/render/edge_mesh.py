@@ -54,7 +54,9 @@ def find_edges(positions: F4, faces: I4, edges: tuple[I4, I4] | None) -> Edges:
 
 @dataclass
 class EdgeMesh:
-    """Edges in the GL. borders: whether some edge has one face only. moved: whether the angles are no longer those of the positions."""
+    """Edges in the GL. borders: whether some edge has one face only. shows: the positions that it has. moved: whether the angles are no
+    longer those of the positions.
+    """
 
     gl: GlContext
     count: int
@@ -62,6 +64,7 @@ class EdgeMesh:
     borders: bool
     rows: moderngl.Buffer
     positions: moderngl.Texture
+    shows: Array
     moved: bool = False
     arrays: dict[moderngl.Program, moderngl.VertexArray] = field(default_factory=dict)
 
@@ -71,15 +74,21 @@ class EdgeMesh:
         edges = find_edges(asset.positions, asset.faces, asset.edges)
         rows = np.empty(len(edges.vertices), [("edge", "<i4", 4), ("angle", "<f4")])
         rows["edge"], rows["angle"] = edges.vertices, edges.angles
-        texels = _texels(asset.positions)
         return cls(
             gl,
             len(rows),
             len(asset.positions),
             bool(np.any(edges.vertices[:, 1] == edges.vertices[:, 3])),
             gl.buffer(rows.tobytes() or bytes(rows.itemsize)),
-            gl.texture((COLUMNS, texels.shape[0]), 4, texels.tobytes(), dtype="f4"),
+            _texture(gl, asset.positions),
+            asset.positions,
         )
+
+    def at(self, positions: Array) -> EdgeMesh:
+        """Another edge mesh with these edges, moved to (v, 3) f4 positions; what it holds in the GL is its own."""
+        rows = self.gl.ctx.buffer(reserve=self.rows.size)
+        self.gl.ctx.copy_buffer(rows, self.rows)
+        return EdgeMesh(self.gl, self.count, self.vertex_count, self.borders, rows, _texture(self.gl, positions), positions, moved=True)
 
     @property
     def nbytes(self) -> int:
@@ -93,8 +102,9 @@ class EdgeMesh:
         """
         if positions.shape != (self.vertex_count, 3):
             raise ValueError(f"an edge mesh of {self.vertex_count} vertices cannot be moved to positions {positions.shape}")
-        self.gl.fill_texture(self.positions, _texels(positions))
-        self.moved = True
+        if positions is not self.shows:
+            self.gl.fill_texture(self.positions, _texels(positions))
+            self.shows, self.moved = positions, True
 
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
         """The edges as input of a program, one point each."""
@@ -110,6 +120,11 @@ class EdgeMesh:
             array.release()
         self.rows.release()
         self.positions.release()
+
+
+def _texture(gl: GlContext, positions: Array) -> moderngl.Texture:
+    texels = _texels(positions)
+    return gl.texture((COLUMNS, texels.shape[0]), 4, texels.tobytes(), dtype="f4")
 
 
 def _texels(positions: Array) -> F4:

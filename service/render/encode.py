@@ -17,7 +17,7 @@ from service.kernels import compositing
 WEBP_QUALITY = 90
 JPEG_QUALITY = 92
 DEFLATE_LEVEL = 1  # isal's second of four
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _RGBA8 = bytes([8, 6, 0, 0, 0])  # bits a channel, RGBA, deflate, adaptive filters, no interlace
 _SUB = 1
 
@@ -53,8 +53,9 @@ def _png(pixels: U1) -> bytes:
     np.subtract(flat[:, 4:], flat[:, :-4], out=rows[:, 5:])
     packed = isal_zlib.compress(rows, DEFLATE_LEVEL)
     header = struct.pack(">II", width, height) + _RGBA8
-    return _PNG_SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"sRGB", b"\0") + _chunk(b"IDAT", packed) + _chunk(b"IEND", b"")
+    return PNG_SIGNATURE + png_chunk(b"IHDR", header) + png_chunk(b"sRGB", b"\0") + png_chunk(b"IDAT", packed) + png_chunk(b"IEND", b"")
 
 
-def _chunk(kind: bytes, data: bytes) -> bytes:
+def png_chunk(kind: bytes, data: bytes) -> bytes:
+    """A part of a PNG: length, kind, data, checksum."""
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))

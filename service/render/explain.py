@@ -75,11 +75,13 @@ def _why_chosen(accuracy: Accuracy, missed: tuple[str, ...]) -> str:
 _LINE_REASONS = {
     "first_layer": "which faces are nearest is seen, since facing does not tell",
     "line_faces": "the silhouette is where faces behind adjoin the nearest layer",
+    "vector_lines": "strokes go along the exact visible lines of this view",
     "line_strokes": "lines have a width in pixels",
     "charcoal": "faces seen nearly edge-on were asked to be fatter",
     "lines_back": "back faces are drawn as the silhouette's lines",
     "line_edges": "edges were asked for whatever the view",
     "edge_mesh": "edges that are lines in this view are drawn as such",
+    "strokes": "strokes are drawn over what is known to be behind them",
 }
 
 
@@ -95,6 +97,7 @@ def _reason(name: str, plan: Plan, asset: MeshAsset) -> str:
         "segments": "the outline is needed in pixels",
         "smooth": "the outline is that of the surface with interpolated normals",
         "hull": f"{surface} is drawn by the CPU",
+        "deform": "the mesh has other positions than it was loaded with",
         "clear": "the GL draws into an empty target",
         "stencil": "the winding number of the silhouette says what is inside",
         "surface": f"{surface} gives the colour",
@@ -125,7 +128,9 @@ def _absence(name: str, plan: Plan) -> str:
     reasons = {
         "smooth": "the mesh's own outline was asked for",
         "hull": "the GL draws the surface",
+        "deform": "the mesh is drawn as it was loaded",
         "resolve": "there is one sample a pixel",
+        "surface": "nothing of it is shown, and strokes are known to be in sight without it",
         "rim": "pixels show what is at their centres",
         "composite": "the GL's pixels are the picture",
     }

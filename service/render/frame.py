@@ -19,6 +19,7 @@ from service.render.passes.charcoal import draw_charcoal
 from service.render.passes.clear import clear_target
 from service.render.passes.composite import compose
 from service.render.passes.coverage import make_coverage
+from service.render.passes.deform import deform_mesh
 from service.render.passes.edge_mesh import draw_edge_mesh
 from service.render.passes.edges import find_edges
 from service.render.passes.first_layer import find_first_layer
@@ -36,7 +37,9 @@ from service.render.passes.rim import draw_rim
 from service.render.passes.segments import project_segments
 from service.render.passes.smooth import smooth_outline
 from service.render.passes.stencil import count_windings
+from service.render.passes.strokes import draw_vector_strokes
 from service.render.passes.surface import draw_surface
+from service.render.passes.vector_lines import find_vector_lines
 from service.render.plan import Plan, plan_frame
 from service.render.state import FrameState, Gpu, parse_color
 from service.silhouette.levels import LevelInView
@@ -64,16 +67,19 @@ FRAME = (
     Pass("segments", project_segments),
     Pass("smooth", smooth_outline),
     Pass("hull", place_hull),
+    Pass("deform", deform_mesh, draws=True),
     Pass("first_layer", find_first_layer, draws=True),
     Pass("clear", clear_target, each_tile=True, draws=True),
     Pass("stencil", count_windings, each_tile=True, draws=True),
     Pass("surface", draw_surface, each_tile=True, draws=True),
     Pass("line_faces", find_line_faces, each_tile=True, meanwhile=True),
+    Pass("vector_lines", find_vector_lines, each_tile=True, meanwhile=True),
     Pass("line_strokes", make_line_strokes, each_tile=True, meanwhile=True),
     Pass("charcoal", draw_charcoal, each_tile=True, draws=True),
     Pass("lines_back", draw_lines_back, each_tile=True, draws=True),
     Pass("line_edges", draw_line_edges, each_tile=True, draws=True),
     Pass("edge_mesh", draw_edge_mesh, each_tile=True, draws=True),
+    Pass("strokes", draw_vector_strokes, each_tile=True, draws=True),
     Pass("rim", draw_rim, each_tile=True, draws=True),
     Pass("interior", fill_interior, each_tile=True, draws=True),
     Pass("outline", draw_outline, each_tile=True, draws=True),

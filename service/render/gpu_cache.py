@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar, cast
 import moderngl
 import numpy as np
 
-from schemas.conventions import I4, Array
+from schemas.conventions import F4, I4, Array
 from service.assets import DrawnHull, MeshAsset
 from service.render.context import GlContext
 from service.render.edge_mesh import EdgeMesh
@@ -52,10 +52,11 @@ class ChosenFaces:
             self._indices = None
 
 
-@dataclass(frozen=True)
+@dataclass
 class Surface:
     """A drawable surface. fields: its vertex attributes, without the prefix "in_". definitions: for the surface shaders.
-    edge_ends: (e, 2) rows of the ends of all edges of a hull, in the order of its edge table.
+    edge_ends: (e, 2) rows of the ends of all edges of a hull, in the order of its edge table. shows: the positions that its vertices have,
+    where they may be moved.
     """
 
     fields: Fields
@@ -65,6 +66,7 @@ class Surface:
     definitions: frozenset[str]
     nbytes: int
     edge_ends: Array | None = None
+    shows: F4 | None = None
     arrays: dict[moderngl.Program, moderngl.VertexArray] = field(default_factory=dict)
     chosen: ChosenFaces = field(default_factory=ChosenFaces)
 
@@ -130,11 +132,21 @@ class GpuCache:
         """The hull of that number, with its maps halved so often, or the mesh (None); coloured where it has colours and they are wanted."""
         hull = None if number is None else asset.hulls[number]
         colored = colored and has_color(asset, hull)
-        return self._keep((asset.id, number, halvings, colored), lambda: self._upload(asset, _halved(hull, halvings), colored=colored))
+        key = (asset.id, number, halvings, colored)
+        surface = self._keep(key, lambda: self._upload(asset, _halved(hull, halvings), colored=colored))
+        if asset.base is not None and surface.shows is not asset.positions:
+            self._gl.fill(surface.vertices, mesh_rows(asset, colored=colored))
+            surface.shows = asset.positions
+        return surface
 
     def edge_mesh(self, asset: MeshAsset) -> EdgeMesh:
-        """The edges of the mesh."""
-        return self._keep((asset.id, "edge mesh"), lambda: EdgeMesh.of(self._gl, asset))
+        """The edges of the mesh; where its vertices were moved, those of its base at their new places."""
+        base = asset.base
+        if base is None:
+            return self._keep((asset.id, "edge mesh"), lambda: EdgeMesh.of(self._gl, asset))
+        mesh = self._keep((asset.id, "edge mesh"), lambda: self.edge_mesh(base).at(asset.positions))
+        mesh.move(asset.positions)
+        return mesh
 
     def _keep(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
         """What is kept under the key, made if it is not there, as the latest."""
@@ -158,11 +170,10 @@ class GpuCache:
     def _upload(self, asset: MeshAsset, hull: DrawnHull | None, *, colored: bool) -> Surface:
         images = surface_images(asset, hull, colored=colored)
         unindexed = hull is not None or colored  # neighbouring faces have different attributes at the same vertex
-        if unindexed:
-            count = len(asset.faces) if hull is None else hull.faces
-            rows = corner_rows(asset, hull, np.arange(3 * count, dtype=np.int32), colored=colored)
+        if hull is not None:
+            rows = corner_rows(asset, hull, np.arange(3 * hull.faces, dtype=np.int32), colored=colored)
         else:
-            rows = normal_rows(asset)
+            rows = mesh_rows(asset, colored=colored)
         names = set(rows.dtype.names or ())
         definitions = {name.upper() for name in names & {"normal", "uv", "color"}} | {name.upper() for name in images}
         if "normal_map" in images:
@@ -179,6 +190,7 @@ class GpuCache:
             frozenset(definitions),
             rows.nbytes + (0 if indices is None else indices.nbytes) + sum(4 * i.shape[0] * i.shape[1] for i in images.values()),
             edge_ends,
+            asset.positions if hull is None else None,
         )
 
     def _texture(self, image: Array, *, srgb: bool, repeat: bool) -> moderngl.Texture:
@@ -220,6 +232,13 @@ def fields_of(dtype: np.dtype) -> Fields:
         base, shape = dtype[name].base, dtype[name].shape
         fields.append((name, base.str, shape[0]))
     return fields
+
+
+def mesh_rows(asset: MeshAsset, *, colored: bool) -> Array:
+    """(n,) structured rows of the original: one a corner where it is coloured, else one a normal."""
+    if colored:
+        return corner_rows(asset, None, np.arange(3 * len(asset.faces), dtype=np.int32), colored=True)
+    return normal_rows(asset)
 
 
 def normal_rows(asset: MeshAsset) -> Array:

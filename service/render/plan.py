@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from schemas.conventions import F8
 from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.lines import LineMethod, Lines
-from schemas.render import Accuracy, Antialias, RenderRequest, ShadingMode, Source
+from schemas.render import Accuracy, Antialias, Fill, RenderRequest, ShadingMode, Source
 from service.assets import MeshAsset
 from service.camera import View
 from service.costs import GRID, NOMINAL, CostModel, ViewTerms
 from service.kernels.screen_bounds import SOME, UNKNOWN, screen_bounds
 from service.render.choice import CERTAIN, Choice, choose, why_not_clipped
-from service.render.line_plan import is_translucent, line_passes, lined, lines_asked, reach_px
+from service.render.deep import is_too_far
+from service.render.line_plan import is_deep, is_translucent, line_passes, lined, lines_asked, reach_px
 from service.rungs import ALWAYS, DRAWN, SILHOUETTE, is_outlined, passes_of
 from service.silhouette.levels import LevelInView
 from service.tile import BORDER, Tile
@@ -26,6 +28,7 @@ class Plan:
     """What one frame does. choice: the rung, and why. passes: names, in no order (`frame.FRAME` has the order); only the background
     when nothing is in view. closed: back faces cannot be seen. smooth: the outline is that of the surface with interpolated normals.
     area: the part of the image that can have anything of the mesh in it. lines: that are drawn over it, if any.
+    deep: depth is in floats, and reversed (`service.render.deep`). marked: lines are blended there, every sample once.
     """
 
     choice: Choice
@@ -35,6 +38,8 @@ class Plan:
     area: Tile
     smooth: bool = False
     lines: Lines | None = None
+    deep: bool = False
+    marked: bool = False
 
     @property
     def source(self) -> Source:
@@ -81,16 +86,6 @@ class Plan:
         return None if self.smooth or self.lines is not None else self.choice.error_px
 
     @property
-    def translucent(self) -> bool:
-        """Whether lines are blended with what is behind them."""
-        return self.lines is not None and is_translucent(self.lines)
-
-    @property
-    def deep(self) -> bool:
-        """Whether depth is in floats, and reversed (`service.render.deep`)."""
-        return self.lines is not None and self.lines.method is not LineMethod.EDGE_MESH
-
-    @property
     def sample_grid(self) -> int:
         """Samples along each side of a pixel."""
         return GRID.get(self.antialias, 1)
@@ -126,11 +121,33 @@ def plan_frame(request: RenderRequest, asset: MeshAsset, view: View, costs: Cost
         passes = passes_of(source, antialias)
     if accuracy.smooth and area.width:
         passes |= {"smooth"}
-    closed = source is Source.CLIPPED or (asset.edges is not None and _is_outside_box(asset, view.eye))
+    closed = source is Source.CLIPPED or (asset.encloses and _is_outside_box(asset, view.eye))
+    if asset.base is not None and area.width:
+        passes |= {"deform"}
     if lines is not None:
         closed = closed and lines.orientation == "trusted"
         passes |= line_passes(lines, asset, closed) if area.width else frozenset()
-    return Plan(choice, mode, passes, closed, area, accuracy.smooth, lines)
+        if lines.method is LineMethod.STROKES and request.shading.fill is Fill.NONE:
+            passes -= {"surface"}  # which hides nothing that has not been left out already
+    deep = is_deep(passes)
+    marked = deep and lines is not None and is_translucent(lines)
+    return Plan(choice, mode, passes, closed, area, accuracy.smooth, lines, deep, marked)
+
+
+def shared_plan(plans: Sequence[Plan], view: View) -> Plan:
+    """That of the target that meshes share: what one of them needs of it, it has. view: of any of them.
+
+    Depth is in floats too where whole numbers could not tell how far lines are before what they hide: meshes may be near and far.
+    """
+    passes = frozenset[str]().union(*(plan.passes for plan in plans))
+    deep = any(plan.deep for plan in plans) or ("edge_mesh" in passes and is_too_far(view))
+    marked = any(plan.marked for plan in plans)
+    return replace(plans[0], passes=passes, deep=deep, marked=marked)
+
+
+def drawn_there(plan: Plan, shared: Plan) -> Plan:
+    """A mesh's plan in a target that it shares: depth is as deep as any needs it, and samples are averaged where any are."""
+    return replace(plan, passes=plan.passes | (shared.passes & {"resolve"}), deep=shared.deep)
 
 
 def visible_area(asset: MeshAsset, view: View, reach: int = 0) -> Tile:

@@ -58,6 +58,11 @@ class _Job:
     draw: Draw
 
 
+@dataclass(frozen=True)
+class _Forgotten:
+    asset_id: str
+
+
 class Renderer:
     """Draws frames in a thread of its own, one after the other.
 
@@ -66,7 +71,7 @@ class Renderer:
     """
 
     def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, true_times: bool = False, limit_s: float = float("inf")) -> None:
-        self._jobs: FairQueue[_Job] = FairQueue(queue_depth)
+        self._jobs: FairQueue[_Job | _Forgotten] = FairQueue(queue_depth)
         self._cache_mib = gpu_cache_mib
         self._true_times = true_times
         self._limit_s = limit_s
@@ -104,7 +109,8 @@ class Renderer:
                 return
             self._open = False
         for job in self._jobs.close():
-            job.future.cancel()
+            if isinstance(job, _Job):
+                job.future.cancel()
         self._thread.join()
 
     def submit(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
@@ -115,19 +121,40 @@ class Renderer:
         """
         return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), owner)
 
-    def submit_drawing(self, draw: Draw, owner: str = "") -> Future[RenderedImage]:
-        """The same for a picture of several frames."""
+    def submit_further(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
+        """The same for a frame after one that was admitted and has been drawn: it waits for its turn however many others wait."""
+        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), owner, further=True)
+
+    def submit_once(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
+        """The same as `submit` for an asset that is not drawn again: nothing of it stays in the GL."""
+
+        def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
+            try:
+                return render_frame(gpu, asset, request, true_times=true_times)
+            finally:
+                gpu.cache.drop(asset.id)
+
+        return self.submit_drawing(draw, owner)
+
+    def submit_drawing(self, draw: Draw, owner: str = "", *, further: bool = False) -> Future[RenderedImage]:
+        """The same as `submit`, or `submit_further`, for a picture of several frames."""
         job = _Job(Drawing(Stop(time.monotonic() + self._limit_s)), draw)
         with self._lock:
             if not self._open:
                 raise BusyError("the renderer is not running")
             try:
-                dropped = self._jobs.put(owner, job)
+                dropped = self._jobs.put(owner, job, promised=further)
             except FullError:
                 raise self._busy() from None
-        if dropped is not None and dropped.future.set_running_or_notify_cancel():
+        if isinstance(dropped, _Job) and dropped.future.set_running_or_notify_cancel():
             dropped.future.set_exception(self._busy())
         return job.future
+
+    def forget(self, asset_id: str, owner: str = "") -> None:
+        """Delete what the GL holds of an asset, once the frames of this owner that wait now are drawn; always admitted."""
+        with self._lock:
+            if self._open:
+                self._jobs.put(owner, _Forgotten(asset_id), promised=True)
 
     def _busy(self) -> BusyError:
         wait = max(LEAST_RETRY_S, self._typical_s * self._jobs.depth)
@@ -142,7 +169,10 @@ class Renderer:
         self._costs = self._gpu.costs
         ready.set_result(None)
         while (job := self._jobs.take()) is not None:
-            if job.future.set_running_or_notify_cancel():
+            if isinstance(job, _Forgotten):
+                if self._gpu is not None:
+                    self._gpu.cache.drop(job.asset_id)
+            elif job.future.set_running_or_notify_cancel():
                 self._serve(job)
         self._give_back()
 

@@ -30,6 +30,7 @@ from service.scratch import ThreadScratch
 from service.silhouette.contours import Contours
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import LevelInView
+from service.silhouette.lines import VectorLines
 from service.silhouette.smooth import SmoothContours
 from service.tile import NOWHERE, Tile
 
@@ -164,7 +165,9 @@ class FrameState:
     of the mesh in it; no width or height when none can. tile: the part of the area that is being drawn.
 
     marked: kinds of lines that have been blended. samples: (f,) i4, how many of the picture each face has. layer: (f,) u1, faces of the
-    nearest layer. back_faces: (k,) i4, faces that are drawn as lines. line_ends, strokes: by the pass that draws them.
+    nearest layer. back_faces: (k,) i4, faces that are drawn as lines. vector_lines: the lines of the picture, as strokes. line_ends,
+    strokes: by the pass that draws them. line_place: the place of this mesh among those whose edge meshes are drawn over the same target,
+    and how many they are.
     """
 
     gpu: Gpu
@@ -188,8 +191,10 @@ class FrameState:
     samples: I4 | None = None
     layer: U1 | None = None
     back_faces: I4 = field(default_factory=lambda: np.empty(0, np.int32))
+    vector_lines: VectorLines | None = None
     line_ends: dict[str, I4] = field(default_factory=dict)
     strokes: dict[str, list[Strokes]] = field(default_factory=dict)
+    line_place: tuple[int, int] = (0, 1)
     drawn: U1 | None = None
 
     @property

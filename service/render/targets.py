@@ -20,14 +20,20 @@ class Kind(Enum):
     """What a framebuffer is for.
 
     PICTURE: sRGB bytes, 24 bits of depth, stencil. READABLE: the same, with a depth that shaders can read. DEEP: sRGB bytes and floats
-    of depth. DEEP_MARKED: and stencil. NUMBERS: an integer a pixel, floats of depth.
+    of depth. DEEP_MARKED: and stencil. DEEP_READABLE: the same, with a depth that shaders can read. NUMBERS: an integer a pixel, floats
+    of depth.
     """
 
     PICTURE = "picture"
     READABLE = "picture, depth in a texture"
     DEEP = "deep"
     DEEP_MARKED = "deep, marked"
+    DEEP_READABLE = "deep, marked, depth in a texture"
     NUMBERS = "numbers"
+
+
+READABLE = (Kind.READABLE, Kind.DEEP_READABLE)
+"""Those with depth in a texture."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +92,13 @@ class Targets:
             Kind.PICTURE: gl.attach_depth_stencil,
             Kind.READABLE: gl.attach_depth_texture,
             Kind.DEEP_MARKED: gl.attach_float_depth_stencil,
+            Kind.DEEP_READABLE: gl.attach_float_depth_texture,
         }.get(kind, gl.attach_float_depth)
         return Target(framebuffer, color, attach(framebuffer, size, samples), size, samples, kind)
 
     def over(self, target: Target) -> moderngl.Framebuffer:
-        """For drawing over a READABLE target's colour while its depth is read: a framebuffer with a depth buffer of its own, with
-        anything in it."""
+        """For drawing over a target's colour while its depth is read from a texture: a framebuffer with a depth buffer of its own,
+        with anything in it."""
         if target.depth not in self._over:
             framebuffer = self._gl.ctx.framebuffer([target.color])
             framebuffer.depth_mask = True
@@ -100,11 +107,11 @@ class Targets:
         return self._over[target.depth][0]
 
     def _delete(self, target: Target) -> None:
-        framebuffer, own = self._over.pop(target.depth, (None, 0)) if target.kind is Kind.READABLE else (None, 0)
+        framebuffer, own = self._over.pop(target.depth, (None, 0)) if target.kind in READABLE else (None, 0)
         if framebuffer is not None:
             framebuffer.release()
             self._gl.delete_renderbuffer(own)
         target.framebuffer.release()
         target.color.release()
-        delete = self._gl.delete_texture if target.kind is Kind.READABLE else self._gl.delete_renderbuffer
+        delete = self._gl.delete_texture if target.kind in READABLE else self._gl.delete_renderbuffer
         delete(target.depth)

@@ -10,8 +10,11 @@ from fastapi.responses import FileResponse
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive, Scope, Send
 
+from backend.artifacts import open_artifact
+from backend.glb import bare_glb
 from schemas import keys
-from schemas.artifacts import DOWNLOADS, HULL_GLB
+from schemas.artifacts import DOWNLOADS, FILE_VERTEX, FILE_VERTICES, HULL_GLB, ORIGINAL_GLB
+from schemas.conventions import Array
 from schemas.errors import InvalidRequestError, NotFoundError
 from schemas.manifest import Manifest
 from service.caching import IMMUTABLE, entity_tag, not_modified
@@ -21,6 +24,10 @@ from service.state import Parts, Services
 from service.waiting import wait_for
 
 router = APIRouter(prefix="/v1/meshes/{mesh_id}", tags=["downloads"])
+
+
+MOST_NUMBER = 1 << 24
+"""Whole numbers up to this are float32, the only kind that glTF has for attributes of one's own beside those of 16 bits."""
 
 
 class Download(FileResponse):
@@ -55,11 +62,15 @@ async def artifact(
 ) -> Response:
     """`hull.glb` (the hull with its maps, for any glTF viewer), `normal.png`, or `color.png` where the mesh has colours.
 
-    With `faces`, `side` or both, `hull.glb` is a hull of another size or side, without maps, made when it is asked for.
+    With `faces`, `side` or both, `hull.glb` is a hull of another size or side, without maps, made when it is asked for. `original.glb` is
+    the mesh as it was loaded, from then on: its vertices are in the order that `positions` come in.
     """
+    if name not in (*DOWNLOADS, ORIGINAL_GLB):
+        await to_thread.run_sync(parts.meshes.manifest, mesh_id)
+        raise NotFoundError(f"The downloads of a mesh are {', '.join((*DOWNLOADS, ORIGINAL_GLB))}.")
+    if name == ORIGINAL_GLB and faces is None and side is None:
+        return await _original(mesh_id, request, parts)
     manifest = await to_thread.run_sync(parts.meshes.manifest, mesh_id)
-    if name not in DOWNLOADS:
-        raise NotFoundError(f"The downloads of a mesh are {', '.join(DOWNLOADS)}.")
     if faces is not None or side is not None:
         if name != HULL_GLB:
             raise InvalidRequestError(f"faces and side choose a {HULL_GLB}; {name} has no such choice.", field="faces" if faces else "side")
@@ -72,6 +83,29 @@ async def artifact(
     except NotFoundError:
         raise NotFoundError(f"This mesh has no {name}.") from None
     return Download(path, media_type=DOWNLOADS[name], headers={"ETag": tag, "Cache-Control": IMMUTABLE})
+
+
+async def _original(mesh_id: str, request: Request, parts: Services) -> Response:
+    """The mesh in its own vertices and faces, without colours."""
+    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    tag = entity_tag(mesh_id, "artifact", ORIGINAL_GLB)
+    if answer := not_modified(request, tag, IMMUTABLE):
+        return answer
+
+    def made() -> bytes:
+        asset = parts.assets.get(manifest)
+        return bare_glb("original", asset.positions, asset.faces, asset.frame, _numbers(parts, manifest))
+
+    body = await wait_for(request, parts.cpu.submit(made), parts.settings.render_timeout_s)
+    return Response(body, media_type=DOWNLOADS[HULL_GLB], headers={"ETag": tag, "Cache-Control": IMMUTABLE})
+
+
+def _numbers(parts: Services, manifest: Manifest) -> dict[str, Array]:
+    """The attribute of an original that says which vertex of the upload each vertex was, where that was kept and float32 can say it."""
+    if not any(FILE_VERTICES.file in stage.artifacts for stage in manifest.stages):
+        return {}
+    numbers = open_artifact(parts.store.local_path(keys.artifact(manifest.id, FILE_VERTICES.file)), FILE_VERTICES)["file_vertices"]
+    return {FILE_VERTEX: numbers} if numbers.max(initial=0) <= MOST_NUMBER else {}
 
 
 async def _other_hull(manifest: Manifest, faces: int | None, side: Side, request: Request, parts: Services) -> Response:

@@ -10,11 +10,14 @@ from schemas.mesh import PreprocessOptions, Problem
 from service.errors import PROBLEM_JSON
 
 PROBLEMS = {
+    401: "No key, or one that is not good here",
+    403: "The key has not the scope, or the signature does not fit",
     404: "There is no such mesh",
     406: "None of the types in Accept can be produced",
     409: "The mesh is accepted, but not processed yet",
     413: "Over the size limit",
     415: "No loader knows this format",
+    429: "The key is over its own quota; come back after Retry-After seconds",
     422: "The request is wrong (`errors` names the fields), or the mesh cannot be used",
     503: "Busy; come back after Retry-After seconds",
     507: "The store has no room",
@@ -61,6 +64,9 @@ ACCURACY_EXAMPLE: dict[str, Any] = {
     "pareto": {"outline": [0], "shading": [0]},
 }
 
+POSITIONS = """places of the mesh's vertices, in the order of original.glb and in model units: 3 little-endian float32 a vertex, or numpy's
+.npy of float32 or float64; of a sequence, those of a frame after those of another"""
+
 RAW_FORMAT = "application/octet-stream"
 
 
@@ -76,6 +82,14 @@ def image_answer(*media_types: str, plan: type[BaseModel] | None = None) -> dict
     content |= {} if plan is None else {"application/json": {"schema": plan.model_json_schema()}}
     described = {"description": "The picture", "content": content, "headers": IMAGE_HEADERS}
     return {200: described, 304: {"description": "The client has it already"}}
+
+
+def sequence_answer(*media_types: str) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI answer of a route that gives a sequence of pictures."""
+    content = {media: {"schema": {"type": "string", "format": "binary"}} for media in media_types}
+    headers = {name: IMAGE_HEADERS[name] for name in ("Server-Timing", "X-Plan", "X-Accuracy")}
+    headers["X-Frames"] = {"schema": {"type": "integer"}, "description": "how many there are"}
+    return {200: {"description": "The frames: an animation, or PNGs in an archive", "content": content, "headers": headers}}
 
 
 def silhouette_answer(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
@@ -115,6 +129,14 @@ def once_body(request: type[BaseModel]) -> dict[str, Any]:
     }
     raw = {"schema": {"type": "string", "format": "binary"}}
     return {"requestBody": {"required": True, "content": {RAW_FORMAT: raw, "multipart/form-data": {"schema": form}}}}
+
+
+def form_body(request: type[BaseModel]) -> dict[str, Any]:
+    """OpenAPI body of a route that takes positions of a mesh's vertices beside a request; without them the request is the body, as JSON."""
+    described = {"type": "string", "description": f"JSON of {request.__name__}", "contentMediaType": "application/json"}
+    positions = {"type": "string", "format": "binary", "description": POSITIONS}
+    form = {"type": "object", "properties": {"request": described, "positions": positions}}
+    return {"requestBody": {"content": {"multipart/form-data": {"schema": form}}}}
 
 
 UPLOAD_BODY: dict[str, Any] = {

@@ -19,6 +19,7 @@ from schemas import keys
 from schemas.errors import NotFoundError
 from schemas.manifest import Accepted
 from schemas.mesh import MeshInfo, MeshPage, MeshStatus
+from service.access.caller import caller_of
 from service.meshes import NO_SUCH_MESH
 from service.routes.documented import UPLOAD_BODY, problems
 from service.state import Parts, Services
@@ -48,7 +49,7 @@ async def upload_mesh(request: Request, parts: Parts) -> Response:
     The same bytes with the same options are the same mesh, so uploading again costs nothing but the transfer.
     """
     with parts.store.temporary() as file:
-        upload = await receive_upload(request, file, parts.upload_limits)
+        upload = await receive_upload(request, file, parts.upload_limits.of(caller_of(request)))
         info, is_new = await to_thread.run_sync(_accept, parts, upload, Path(file.name))
     headers = {"Location": info.links["self"], "Cache-Control": "no-store"}
     return Response(_json(info), 202 if is_new else 200, headers, "application/json")

@@ -5,18 +5,17 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.exceptions import RequestValidationError
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from schemas.errors import InvalidRequestError
 from schemas.render import ImageFormat, RenderRequest, Silhouette, SilhouetteRequest
+from service.access.caller import caller_of
 from service.caching import NOT_KEPT
+from service.forms import REQUEST, parsed
 from service.negotiation import IMAGE_TYPES, choose, image_format
 from service.once import OneMesh, mesh_of
 from service.owners import owner_of
 from service.render.encode import encode
-from service.render.frame import RenderedImage, render_frame
-from service.render.state import Gpu
 from service.routes.documented import image_answer, once_body, problems, silhouette_answer
 from service.routes.render import picture_headers
 from service.routes.silhouette import WRITERS, completed, document_of
@@ -29,7 +28,6 @@ router = APIRouter(prefix="/v1", tags=["one request"])
 Wanted = TypeVar("Wanted", RenderRequest, SilhouetteRequest)
 Repair = Annotated[Literal["auto", "never"], Field(description="close small holes and orient faces, or take the mesh as it is")]
 Name = Annotated[str, Field(description="file name of a body that is no form; its ending says the format", examples=["knot.ply"])]
-FORM_FIELD = "request"
 OF_THE_MESH = {"name", "repair"}
 
 
@@ -69,8 +67,9 @@ async def render_once(view: Annotated[OnceRenderQuery, Query()], request: Reques
         by_query = view.request(image_format(request.headers.get("accept")))
     async with mesh_of(request, parts, _beside(view)) as mesh:
         wanted = _wanted(RenderRequest, mesh, view, by_query)
+        caller_of(request).check_picture(wanted.width, wanted.height)
         wanted = wanted if wanted.format else wanted.model_copy(update={"format": by_query.format})
-        drawing = parts.renderer.submit_drawing(_drawing(mesh, wanted), owner_of(request))
+        drawing = parts.renderer.submit_once(mesh.asset, wanted, owner_of(request))
         image = await wait_for(request, drawing, parts.settings.render_timeout_s)
     clock = Stopwatch()
     encoding = wanted.format or ImageFormat.PNG
@@ -105,37 +104,17 @@ async def _document(
 
 def _beside(view: RenderQuery | SilhouetteQuery) -> set[str]:
     """Fields that are not about reading the mesh: the sizes of a hull that is not made are among them."""
-    return set(type(view).model_fields) - OF_THE_MESH | {FORM_FIELD}
+    return set(type(view).model_fields) - OF_THE_MESH | {REQUEST}
 
 
 def _wanted(model: type[Wanted], mesh: OneMesh, view: RenderQuery | SilhouetteQuery, by_query: Wanted) -> Wanted:
     """The request in the form, or that of the query. Raises InvalidRequestError when there are both, RequestValidationError."""
     for name in mesh.upload.beside:
-        if name != FORM_FIELD:
-            raise InvalidRequestError(f"{name} belongs into the field `{FORM_FIELD}` of the form, or into the address.", field=name)
-    text = mesh.upload.beside.get(FORM_FIELD)
+        if name != REQUEST:
+            raise InvalidRequestError(f"{name} belongs into the field `{REQUEST}` of the form, or into the address.", field=name)
+    text = mesh.upload.beside.get(REQUEST)
     if text is None:
         return by_query
     if view.model_fields_set - OF_THE_MESH:
-        raise InvalidRequestError(f"The form has a `{FORM_FIELD}`, and the address says a view, too: one of them.", field=FORM_FIELD)
-    try:
-        return model.model_validate_json(text)
-    except ValidationError as error:
-        raise RequestValidationError(_in_body(error)) from error
-
-
-def _in_body(error: ValidationError) -> list[dict[str, Any]]:
-    """Its faults, as those of a request's body."""
-    return [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors()]
-
-
-def _drawing(mesh: OneMesh, wanted: RenderRequest) -> Any:
-    """Draws the mesh and takes it out of the GL again."""
-
-    def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
-        try:
-            return render_frame(gpu, mesh.asset, wanted, true_times=true_times)
-        finally:
-            gpu.cache.drop(mesh.asset.id)
-
-    return draw
+        raise InvalidRequestError(f"The form has a `{REQUEST}`, and the address says a view, too: one of them.", field=REQUEST)
+    return parsed(model, text)

@@ -13,6 +13,7 @@ from schemas.errors import NotFoundError, NotReadyError
 from schemas.manifest import Manifest
 from schemas.plan import PlanReport
 from schemas.render import Accuracy, ImageFormat, RenderRequest, Source
+from service.access.caller import caller_of
 from service.assets import CLIP, READY, state_of
 from service.caching import IMMUTABLE, NOT_KEPT, REVALIDATE, entity_tag, not_modified
 from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format, wants_json
@@ -21,7 +22,7 @@ from service.picture_cache import KeptPicture
 from service.render.encode import encode
 from service.render.explain import explain as explain_plan
 from service.render.renderer import RenderedImage
-from service.routes.documented import image_answer, problems
+from service.routes.documented import form_body, image_answer, problems
 from service.silhouette.levels import rounded_up
 from service.state import Parts, Services
 from service.view_query import RenderQuery, query_names
@@ -35,7 +36,8 @@ PICTURES: dict[str, Any] = {
 }
 PICTURES_AND_PLANS: dict[str, Any] = {
     "response_class": Response,
-    "responses": image_answer(*IMAGE_TYPES.values(), plan=PlanReport) | problems(404, 406, 409, 422, 503),
+    "responses": image_answer(*IMAGE_TYPES.values(), plan=PlanReport) | problems(404, 406, 409, 413, 422, 503, 507),
+    "openapi_extra": form_body(RenderRequest),
 }
 
 
@@ -49,7 +51,8 @@ async def render(
 ) -> Response:
     """One picture. The encoding is `format`, else what Accept asks for, else PNG; raw is RGBA, 4 bytes a pixel, top row first.
 
-    With `?explain=true`, or `Accept: application/json`, the plan instead of the picture.
+    With `?explain=true`, or `Accept: application/json`, the plan instead of the picture. As a form: the same JSON in `request`, and in
+    `positions` the places that the mesh's vertices are moved to.
     """
     if explain or (body.format is None and wants_json(request.headers.get("accept"))):
         return await _plan(mesh_id, body, request, parts)
@@ -86,6 +89,7 @@ def _encoding(suffix: str) -> ImageFormat:
 
 async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services, cache_control: str) -> Response:
     """Render `wanted`, whose format is set, unless the client has it already."""
+    caller_of(request).check_picture(wanted.width, wanted.height)
     manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
     check_drawable(manifest, wanted.accuracy)
     if manifest.status != READY:

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Request, Response
 from schemas.errors import SilhouetteError
 from schemas.manifest import Manifest
 from schemas.scene import SceneRequest
+from service.access.caller import caller_of
 from service.assets import state_of
 from service.caching import REVALIDATE, entity_tag, not_modified
 from service.errors import located
@@ -33,11 +34,15 @@ SCENES: dict[str, Any] = {
 
 @router.post("/render", **SCENES)
 async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Response:
-    """One picture of several meshes with transforms: each clipped and antialiased on its own, then laid over one another."""
+    """One picture of several meshes with transforms: each clipped and antialiased on its own, then laid over one another.
+
+    With `lines` all are drawn together from their originals, so that lines of one are hidden by the others.
+    """
+    caller_of(request).check_picture(body.width, body.height)
     encoding = body.format or image_format(request.headers.get("accept"))
     wanted = body.model_copy(update={"format": encoding})
     manifests = await to_thread.run_sync(_manifests, parts, wanted)
-    tag = entity_tag("scene", *map(state_of, manifests), wanted.model_dump_json())
+    tag = entity_tag("scene", *map(state_of, manifests), wanted.resolved().model_dump_json())
     if answer := not_modified(request, tag, REVALIDATE):
         return answer
     limit_s = parts.settings.render_timeout_s

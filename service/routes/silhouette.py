@@ -14,10 +14,11 @@ from schemas.render import ProjectTo, Silhouette, SilhouetteRequest
 from service.assets import MeshAsset
 from service.caching import REVALIDATE, entity_tag, not_modified
 from service.negotiation import choose
-from service.routes.documented import problems, silhouette_answer
+from service.routes.documented import form_body, problems, silhouette_answer
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_dxf, silhouette_json, silhouette_svg
 from service.silhouette.levels import rounded_up
+from service.silhouette.strokes import moved_px
 from service.state import Parts, Services
 from service.view_query import SilhouetteQuery, query_names
 from service.waiting import Stopwatch, wait_for
@@ -33,9 +34,12 @@ DRAWING = ProjectTo()
 ANSWERS: dict[str, Any] = {"response_class": Response, "responses": silhouette_answer(Silhouette) | problems(404, 406, 409, 422, 503)}
 
 
-@router.post("/silhouette", **ANSWERS)
+@router.post("/silhouette", **ANSWERS, openapi_extra=form_body(SilhouetteRequest))
 async def silhouette(mesh_id: str, body: SilhouetteRequest, request: Request, parts: Parts) -> Response:
-    """The silhouette of a view, exactly: `application/json`, `image/svg+xml`, `image/vnd.dxf` or `application/octet-stream` by Accept."""
+    """The silhouette of a view, exactly: `application/json`, `image/svg+xml`, `image/vnd.dxf` or `application/octet-stream` by Accept.
+
+    As a form: the same JSON in `request`, and in `positions` the places that the mesh's vertices are moved to.
+    """
     media = choose(request.headers.get("accept"), list(WRITERS))
     return await _document(mesh_id, body, media, request, parts)
 
@@ -88,6 +92,7 @@ def document_of(asset: MeshAsset, wanted: SilhouetteRequest, media: str) -> tupl
     accuracy = f"surface_faces={described.faces}; error_px={'0' if level is None else rounded_up(level.error_px)}"
     passes = [] if described.lines is None else list(described.lines.passes)
     if described.lines is not None:
-        accuracy += f"; line_error_px={rounded_up((wanted.simplify_px or 0.0) + (wanted.smooth_px or 0.0))}"
+        moved = (wanted.simplify_px or 0.0) + (wanted.smooth_px or 0.0) + moved_px(wanted.stroke)
+        accuracy += f"; line_error_px={rounded_up(moved)}"
     extract = ("extract", extract_ms - sum(ms for _, ms in passes))
     return body, [extract, *passes, ("write", clock.ms() - extract_ms)], accuracy

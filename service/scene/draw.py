@@ -18,8 +18,9 @@ from service.waiting import Stopwatch
 def draw_scene(gpu: Gpu, plan: ScenePlan, *, true_times: bool = False) -> RenderedImage:
     """Draw it. The times of a pass are summed over the layers; `plan` of the picture names the layers and what is in them.
 
-    rung: those of all layers; error_px: the largest of them. Raises RuntimeError when the GL reports an error.
+    rung: those of all layers; error_px: the largest of them, None where one has none. Raises RuntimeError when the GL reports an error.
     """
+    whole_clock = Stopwatch()
     size = (plan.height, plan.width)
     image = np.zeros((*size, 4), np.uint8)
     words = as_words(image)
@@ -42,10 +43,12 @@ def draw_scene(gpu: Gpu, plan: ScenePlan, *, true_times: bool = False) -> Render
     times["settle"] = clock.ms()
     steps += [f"outside: object {index}" for index in plan.outside]
     rungs = dict.fromkeys(picture.rung for picture in drawn)
-    error = max((picture.error_px or 0.0 for picture in drawn), default=0.0)
+    errors = [picture.error_px for picture in drawn]
+    error = None if None in errors else max((error for error in errors if error is not None), default=0.0)
     whole = Tile(0, 0, plan.width, plan.height)
     work = sum((picture.work for picture in drawn), NO_WORK)
-    return RenderedImage(image, tuple(times.items()), tuple(steps), "+".join(rungs) or "empty", error, whole, work=work)
+    rung = "+".join(rungs) or "empty"
+    return RenderedImage(image, tuple(times.items()), tuple(steps), rung, error, whole, ms=whole_clock.ms(), work=work)
 
 
 def drawing_of(plan: ScenePlan) -> Draw:
@@ -63,7 +66,7 @@ def _draw(gpu: Gpu, layer: Layer, true_times: bool) -> RenderedImage:
 
 def _described(number: int, layer: Layer, picture: RenderedImage) -> str:
     """`layer[0]: object 3 clipped/coverage (edges segments ...)`; no commas, which divide the entries of the list."""
-    who = "+".join(str(part.index) for part in layer.parts)
+    who = "+".join(map(str, sorted(part.index for part in layer.parts)))
     kind = "object" if len(layer.parts) == 1 else "objects"
     why = f"; together: {layer.why}" if layer.why else ""
     return f"layer[{number}]: {kind} {who} {picture.rung} ({' '.join(picture.plan)}{why})"

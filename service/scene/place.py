@@ -77,10 +77,10 @@ def sphere_around(placements: Sequence[Placement]) -> Frame:
     return Frame((x, y, z), radius)
 
 
-def view_of(placement: Placement, base: View, frame: Frame) -> View:
-    """The camera as the mesh sees it, from `base`, which is resolved for another frame of the scene."""
+def view_of(placement: Placement, base: View, frame: Frame, around: Frame) -> View:
+    """The camera as the mesh sees it, from `base`, which is resolved for another frame of the scene. around: a sphere about the scene."""
     linear, shift = placement.within(frame)
-    if frame == placement.frame and placement.moved_only:
+    if frame == placement.frame == around and placement.moved_only:
         return base
     matrix = base.matrix.copy()
     matrix[:, 3] += matrix[:, :3] @ shift
@@ -89,6 +89,8 @@ def view_of(placement: Placement, base: View, frame: Frame) -> View:
     if base.orthographic:
         eye /= np.linalg.norm(eye)
     normals = np.linalg.inv(placement.linear).T
+    turned, moved = placement.within(around)
+    middle = (np.asarray(around.centre) - np.asarray(frame.centre)) / frame.scale
     view = replace(
         base,
         eye=np.append(eye, base.eye[3]),
@@ -96,6 +98,9 @@ def view_of(placement: Placement, base: View, frame: Frame) -> View:
         pixel_scale=base.pixel_scale * placement.frame.scale / frame.scale,
         mirrored=placement.mirrored,
         normal_matrix=None if placement.moved_only else normals / np.abs(normals).max(),
+        depth_unit=frame.scale / placement.frame.scale,
+        nearness=np.append(base.view[2, :3] @ turned, base.view[2, :3] @ moved),
+        middle_depth=float(base.matrix[3, :3] @ middle + base.matrix[3, 3]),
     )
     for array in (view.eye, view.matrix):
         array.setflags(write=False)
@@ -105,4 +110,4 @@ def view_of(placement: Placement, base: View, frame: Frame) -> View:
 def own_view(asset: MeshAsset, placement: Placement, camera: AnyCamera, size: tuple[int, int], around: Frame) -> View:
     """The camera as a mesh sees it that is drawn alone. An orbit turns about `around`. Raises InvalidRequestError."""
     base = resolve_camera(camera, placement.frame, size[0], size[1], asset.radius, around)
-    return view_of(placement, base, placement.frame)
+    return view_of(placement, base, placement.frame, around)

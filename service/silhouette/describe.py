@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -20,11 +21,13 @@ from service.kernels.contours import compact
 from service.silhouette.contours import Contours, link_contours
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.levels import LevelInView, SilhouetteLevel, choose_level
+from service.silhouette.line_documents import drawn_widths
 from service.silhouette.line_mesh import LineMesh
 from service.silhouette.lines import VectorLines, vector_lines
 from service.silhouette.outline import Outline, outline_of
 from service.silhouette.project import pixel_matrix, project_edges, surrounding_layers
 from service.silhouette.smooth import SmoothSurface, smooth_outline
+from service.silhouette.strokes import stroked_lines
 
 UNSEEN = ProjectTo()
 """Image of a request that names none: a fitted eye depends on its shape."""
@@ -60,6 +63,10 @@ class Source(Protocol):
     @property
     def corners(self) -> F8:
         """(8, 3) f8 of its bounding box."""
+
+    @property
+    def radius(self) -> float:
+        """Of a sphere about the origin that holds it; 1 where it is as it was loaded, or more."""
 
     @property
     def smooth_surface(self) -> SmoothSurface:
@@ -122,7 +129,7 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
         outline = _smooth(source, view)
     elif homogeneous is not None and loops is not None and not request.wants_lines:
         # an eye that a level is chosen for is outside of it
-        segments = project_edges(view, np.asarray(source.positions), edges) if level is None and _is_near(view) else None
+        segments = project_edges(view, np.asarray(source.positions), edges) if level is None and _is_near(view, source.radius) else None
         outline = outline_of(view, homogeneous[loops.vertices], loops.offsets, _base(source, view, segments))
     return Description(
         eye=_model_eye(view.eye, source.frame),
@@ -136,7 +143,7 @@ def describe_silhouette(source: Source, request: SilhouetteRequest) -> Descripti
         faces=len(source.faces if level is None else level.level.faces),
         level=level,
         curves=outline.curves() if request.smooth and outline is not None else None,
-        lines=vector_lines(source.line_mesh, view, request) if request.wants_lines else None,
+        lines=_lines(source, view, request) if request.wants_lines else None,
         line_widths=request.line_width,
     )
 
@@ -150,6 +157,8 @@ def _check(request: SilhouetteRequest) -> None:
         raise InvalidRequestError("a smooth outline is meant to leave the mesh's, so no error can be asked of it", field="max_error_px")
     if request.wants_lines:
         _check_lines(request)
+    elif request.stroke is not None:
+        raise InvalidRequestError("a stroke is how lines look: kinds must say which", field="stroke")
 
 
 def _check_lines(request: SilhouetteRequest) -> None:
@@ -160,6 +169,13 @@ def _check_lines(request: SilhouetteRequest) -> None:
         raise InvalidRequestError("lines are those of the mesh, not of a smooth surface: smooth_px rounds their corners", field="smooth")
     if request.max_error_px is not None:
         raise InvalidRequestError("lines are those of the mesh itself: no coarser surface stands for it", field="max_error_px")
+
+
+def _lines(source: Source, view: View, request: SilhouetteRequest) -> VectorLines:
+    stroke = request.stroke
+    if stroke is None:
+        return vector_lines(source.line_mesh, view, request)
+    return stroked_lines(source.line_mesh, view, request, stroke, drawn_widths(request.line_width), math.ceil(stroke.wobble_px))
 
 
 def _is_closed(source: Source) -> bool:
@@ -178,13 +194,13 @@ def _edges(source: Source, eye: F8, of_any: bool) -> I4:
 
 def _smooth(source: Source, view: View) -> Outline:
     contours = source.smooth_surface.contours(view)
-    segments = contours.segments(view) if _is_near(view) else None
+    segments = contours.segments(view) if _is_near(view, source.radius) else None
     return smooth_outline(view, contours, _base(source, view, segments))
 
 
-def _is_near(view: View) -> bool:
-    """Whether there may be layers over the whole image that no edge tells of: never for an eye outside the unit sphere."""
-    return not (view.orthographic or float(np.linalg.norm(view.eye[:3])) > 1.0 + 1e-6)
+def _is_near(view: View, radius: float) -> bool:
+    """Whether there may be layers over the whole image that no edge tells of: never for an eye outside the sphere about all."""
+    return not (view.orthographic or float(np.linalg.norm(view.eye[:3])) > radius + 1e-6)
 
 
 def _base(source: Source, view: View, segments: F8 | None) -> int:

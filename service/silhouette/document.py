@@ -60,7 +60,8 @@ def silhouette_binary(described: Description) -> bytes:
     i is contours[offsets[i]:offsets[i + 1]]; offsets: (c + 1,) i4. positions: (k, 3) f8 of `vertices`, model units. pixels:
     (k, 2) f8 of `vertices`, y down, NaN behind the eye. curves: (n, 2) f8 pixels, closed cubic Bezier curves, each as node, two control
     points, node, ..., two control points; curve i is curves[curve_offsets[i]:curve_offsets[i + 1]], curve_offsets: (d + 1,) i4.
-    line_points (n, 2) f8 pixels, line_offsets (l + 1,) i4, line_kinds, line_visible, line_closed (l,) u1, line_vertices (n,) i4: polylines.
+    line_points (n, 2) f8 pixels, line_offsets (l + 1,) i4, line_kinds, line_visible, line_closed (l,) u1, line_vertices (n,) i4: polylines;
+    of strokes line_widths (n,) f8 pixels, line_opacities (n,) f8.
     The metadata's `eye` is four numbers as JSON text, its `surface` a `schemas.render.Surface`.
     """
     tensors: dict[str, Any] = {"edges": described.edges, "vertices": described.vertices}

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 import orjson
 
-from schemas.conventions import F8
+from schemas.conventions import F8, I4
 from schemas.lines import LineKind
 from service.camera import View
+from service.silhouette.line_mesh import Flags
 from service.silhouette.lines import KINDS, VectorLines
+from service.silhouette.strokes import HIDDEN_OPACITY, HIDDEN_WIDTH, dashed, opacity_levels, outlines_of
 
 PIXEL_DIGITS = 4
 """Decimals of pixel coordinates in JSON and DXF."""
@@ -30,8 +32,15 @@ LOOKS = {
     LineKind.INTERSECTION: ("#b3261e", 1.2, 1),
 }
 """Colour, width in pixels, and number of the colour in DXF."""
-DASH_PX, HIDDEN_WIDTH, HIDDEN_OPACITY = (4.0, 3.0), 0.6, 0.55
-"""Of hidden lines: dash and gap, part of the width of visible ones, opacity."""
+DASH_PX = (4.0, 3.0)
+"""Of hidden lines: dash and gap."""
+SHARE_DIGITS = 3
+"""Decimals of widths and opacities."""
+
+
+def drawn_widths(given: Mapping[LineKind, float]) -> dict[LineKind, float]:
+    """Pixels of every kind in a drawing; given: where they are not the usual ones."""
+    return {kind: given.get(kind, usual) for kind, (_, usual, _) in LOOKS.items()}
 
 
 def lines_json(lines: VectorLines) -> list[dict[str, Any]]:
@@ -39,10 +48,14 @@ def lines_json(lines: VectorLines) -> list[dict[str, Any]]:
     points = np.round(lines.points, PIXEL_DIGITS)
     flags = zip(lines.kinds.tolist(), lines.visible.tolist(), lines.closed.tolist(), strict=True)
     vertices = None if lines.vertices is None else [None if v < 0 else v for v in lines.vertices.tolist()]
+    given: dict[str, Any] = {"vertices": vertices}
+    for name, values in (("widths", lines.widths), ("opacities", lines.opacities)):
+        given[name] = None if values is None else np.round(values, SHARE_DIGITS)
+    columns = {name: values for name, values in given.items() if values is not None}
     found = []
     for (kind, visible, closed), (a, b) in zip(flags, pairwise(lines.offsets.tolist()), strict=True):
         line = {"kind": KINDS[kind], "visible": visible, "closed": closed, "points": points[a:b]}
-        found.append(line if vertices is None else line | {"vertices": vertices[a:b]})
+        found.append(line | {name: values[a:b] for name, values in columns.items()})
     return found
 
 
@@ -50,7 +63,8 @@ def line_tensors(lines: VectorLines) -> dict[str, Any]:
     """The same as arrays; line_kinds are places in the order of `schemas.lines.LineKind`."""
     found = {"line_points": lines.points, "line_offsets": lines.offsets, "line_kinds": lines.kinds}
     found |= {"line_visible": lines.visible.astype(np.uint8), "line_closed": lines.closed.astype(np.uint8)}
-    return found if lines.vertices is None else found | {"line_vertices": lines.vertices}
+    more = {"line_vertices": lines.vertices, "line_widths": lines.widths, "line_opacities": lines.opacities}
+    return found | {name: values for name, values in more.items() if values is not None}
 
 
 def lines_svg(lines: VectorLines, view: View, widths: Mapping[LineKind, float]) -> bytes:
@@ -60,37 +74,52 @@ def lines_svg(lines: VectorLines, view: View, widths: Mapping[LineKind, float]) 
         f"<title>Lines</title>\n<desc>{len(lines)} polylines, {int(lines.visible.sum())} of them visible</desc>\n"
         '<g fill="none" stroke-linecap="round" stroke-linejoin="round">\n'.encode()
     ]
-    paths = [np.round(points, DRAWN_DIGITS) + 0.0 for points in lines.polylines()]
-    for number in reversed(range(len(KINDS))):
-        if (lines.kinds == number).any():
-            parts += _group(lines, paths, number, widths)
+    usual = drawn_widths(widths)
+    for number, kind in reversed(list(enumerate(KINDS))):
+        of_kind = lines.kinds == number
+        if of_kind.any():
+            parts.append(f'<g class="{kind}" stroke="{LOOKS[kind][0]}" stroke-width="{usual[kind]:g}">\n'.encode())
+            for visible in (False, True):
+                if (chosen := of_kind & (lines.visible == visible)).any():
+                    parts += _paths(lines.chosen(chosen), kind, usual[kind], hidden=not visible)
+            parts.append(b"</g>\n")
     return b"".join([*parts, b"</g>\n</svg>\n"])
 
 
-def _group(lines: VectorLines, paths: list[F8], number: int, widths: Mapping[LineKind, float]) -> Iterator[bytes]:
-    kind = KINDS[number]
-    color, usual, _ = LOOKS[kind]
-    width = widths.get(kind, usual)
-    yield f'<g class="{kind}" stroke="{color}" stroke-width="{width:g}">\n'.encode()
-    for visible in (False, True):
-        chosen = np.flatnonzero((lines.kinds == number) & (lines.visible == visible)).tolist()
-        if chosen:
-            look = '<path class="visible" d="'
-            if not visible:
-                dash, gap = (max(length, length * width) for length in DASH_PX)
-                look = (
-                    f'<path class="hidden" stroke-width="{HIDDEN_WIDTH * width:g}" stroke-opacity="{HIDDEN_OPACITY}" '
-                    f'stroke-dasharray="{dash:g} {gap:g}" d="'
-                )
-            yield look.encode()
-            yield from (b"M" + _points(paths[i]) + (b"Z" if lines.closed[i] else b"") for i in chosen)
-            yield b'"/>\n'
-    yield b"</g>\n"
+def _paths(lines: VectorLines, kind: LineKind, width: float, *, hidden: bool) -> Iterator[bytes]:
+    """Lines of one kind, all visible or all hidden: one path, or one for each level of opacity; filled where widths change."""
+    filled, in_levels = lines.widths is not None, lines.opacities is not None
+    own = HIDDEN_WIDTH * width if hidden else width
+    look, gaps = f' stroke-width="{own:g}"' if hidden else "", ""
+    if filled:
+        look = f' stroke="none" fill="{LOOKS[kind][0]}"'
+    if hidden:
+        dash = np.array([max(length, length * width) for length in DASH_PX])
+        if filled or in_levels:
+            lines = dashed(lines, dash)
+        else:
+            gaps = f' stroke-dasharray="{dash[0]:g} {dash[1]:g}"'
+    if not filled and lines.flat is not None and lines.flat.all():
+        look += ' stroke-linecap="butt"'
+    for opacity, level in opacity_levels(lines, HIDDEN_OPACITY if hidden and not in_levels else 1.0):
+        blended = f' {"fill" if filled else "stroke"}-opacity="{opacity:.4g}"' if opacity < 1.0 else ""
+        yield f'<path class="{"hidden" if hidden else "visible"}"{look}{blended}{gaps} d="'.encode()
+        if filled:
+            places, offsets = outlines_of(level, own)
+            yield _path(places, offsets, np.ones(len(offsets) - 1, np.bool_))
+        else:
+            yield _path(level.points, level.offsets, level.closed)
+        yield b'"/>\n'
 
 
-def _points(points: F8) -> bytes:
-    """`x,y x,y ...`: the JSON of the array without its brackets."""
-    return orjson.dumps(points, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b" ")
+def _path(points: F8, offsets: I4, closed: Flags) -> bytes:
+    """`Mx,y x,y ...` of every polyline, with a `Z` if it is closed: the JSON of all points, rows of nulls standing for what is between."""
+    if not len(closed):
+        return b""
+    between = np.where(closed[:-1, None], np.nan, (np.nan, 0.0))
+    rows = np.insert(np.round(points, DRAWN_DIGITS) + 0.0, offsets[1:-1], between, axis=0)
+    text = orjson.dumps(rows, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b" ")
+    return b"M" + text.replace(b" null,null ", b"ZM").replace(b" null,0.0 ", b"M") + (b"Z" if closed[-1] else b"")
 
 
 def lines_dxf(lines: VectorLines, view: View) -> bytes:
@@ -132,11 +161,21 @@ def _layer(kind: int, visible: bool) -> str:
 
 def _entities(lines: VectorLines, height: float) -> list[Tag]:
     tags: list[Tag] = []
-    each = zip(lines.polylines(), lines.kinds.tolist(), lines.visible.tolist(), lines.closed.tolist(), strict=True)
-    for points, kind, visible, closed in each:
+    each = zip(lines.polylines(), lines.kinds.tolist(), lines.visible.tolist(), lines.closed.tolist(), _vertex_widths(lines), strict=True)
+    for points, kind, visible, closed, widths in each:
         layer = _layer(kind, visible)
         tags += [(0, "POLYLINE"), (8, layer), (66, 1), (10, 0.0), (20, 0.0), (30, 0.0), (70, int(closed))]
-        for x, y in np.round(points, PIXEL_DIGITS).tolist():
-            tags += [(0, "VERTEX"), (8, layer), (10, x), (20, round(height - y, PIXEL_DIGITS)), (30, 0.0)]
+        for (x, y), width in zip(np.round(points, PIXEL_DIGITS).tolist(), widths, strict=True):
+            tags += [(0, "VERTEX"), (8, layer), (10, x), (20, round(height - y, PIXEL_DIGITS)), (30, 0.0), *width]
         tags += [(0, "SEQEND"), (8, layer)]
     return tags
+
+
+def _vertex_widths(lines: VectorLines) -> Iterator[list[list[Tag]]]:
+    """Of each polyline, for each vertex: widths at both ends of the piece that it begins; nothing where lines have no widths."""
+    for a, b in pairwise(lines.offsets.tolist()):
+        if lines.widths is None:
+            yield [[]] * (b - a)
+        else:
+            widths = np.round(lines.widths[a:b], SHARE_DIGITS).tolist()
+            yield [[(40, one), (41, other)] for one, other in zip(widths, [*widths[1:], widths[0]], strict=True)]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geometry.boxes import build_boxes
-from geometry.edge_fans import edge_fans, faces_about_vertices
+from geometry.edge_fans import EdgeFans, edge_fans, faces_about_vertices
 from geometry.topology import face_normals
 from schemas.conventions import F4, F8, I4, Array
 from schemas.errors import CapabilityError
@@ -42,14 +42,17 @@ class Crossings:
 
 
 class LineMesh:
-    """Any triangles, ready for any number of eyes and threads. positions (v, 3) f4 normalised, faces (f, 3) i4, f > 0."""
+    """Any triangles, ready for any number of eyes and threads. positions (v, 3) f4 normalised, faces (f, 3) i4, f > 0.
 
-    def __init__(self, positions: F4, faces: I4) -> None:
+    still: the same faces at other positions, whose findings are shared as far as they do not depend on these.
+    """
+
+    def __init__(self, positions: F4, faces: I4, still: LineMesh | None = None) -> None:
         self.positions: F4 = frozen(positions, np.float32)
         self.faces: I4 = frozen(faces, np.int32)
-        self.fans = edge_fans(self.faces)
+        self.fans: EdgeFans = edge_fans(self.faces) if still is None else still.fans
         self.boxes: tuple[Array, Array] = build_boxes(self.positions, self.faces)
-        self.rings = faces_about_vertices(self.faces, len(self.positions))
+        self.rings: tuple[Array, Array] = faces_about_vertices(self.faces, len(self.positions)) if still is None else still.rings
         normals = face_normals(self.positions, self.faces)
         shapes = line_kinds.edge_shapes(self.positions, self.faces, normals, self.fans.starts, self.fans.halves)
         self.meeting, self.turn, self.angle = shapes

@@ -36,7 +36,9 @@ class VectorLines:
 
     points (n, 2) f8 pixels, y down; polyline i is points[offsets[i]:offsets[i + 1]], offsets (l + 1,) i4; of a closed one the last point
     joins the first. kinds (l,) u1: rows of KINDS. visible, closed (l,) bool. vertices (n,) i4: the vertex of the mesh at each point, -1
-    where none is; None when the points were moved. passes: what each step took, milliseconds. rays: how many were cast.
+    where none is; None when the points were moved. depths (n,) f8: from the eye along the axis of the view, normalised units.
+    Of strokes only (`service.silhouette.strokes`): widths (n,) f8 pixels and opacities (n,) f8 at the points where they change along the
+    lines, flat (l,) bool polylines without round ends. passes: what each step took, milliseconds. rays: how many were cast.
     """
 
     points: F8
@@ -45,6 +47,10 @@ class VectorLines:
     visible: Flags
     closed: Flags
     vertices: I4 | None
+    depths: F8
+    widths: F8 | None = None
+    opacities: F8 | None = None
+    flat: Flags | None = None
     passes: tuple[tuple[str, float], ...] = ()
     rays: int = 0
 
@@ -54,6 +60,25 @@ class VectorLines:
     def polylines(self) -> list[F8]:
         """The points of each."""
         return [self.points[a:b] for a, b in pairwise(self.offsets.tolist())]
+
+    def chosen(self, which: Flags) -> VectorLines:
+        """Some of them, which (l,) bool."""
+        sizes = np.diff(self.offsets)
+        rows = np.repeat(which, sizes)
+        offsets = np.concatenate([[0], np.cumsum(sizes[which])]).astype(np.int32)
+        return replace(
+            self,
+            points=self.points[rows],
+            offsets=offsets,
+            kinds=self.kinds[which],
+            visible=self.visible[which],
+            closed=self.closed[which],
+            vertices=None if self.vertices is None else self.vertices[rows],
+            depths=self.depths[rows],
+            widths=None if self.widths is None else self.widths[rows],
+            opacities=None if self.opacities is None else self.opacities[rows],
+            flat=None if self.flat is None else self.flat[which],
+        )
 
 
 @dataclass(frozen=True)
@@ -107,8 +132,9 @@ def vector_lines(mesh: LineMesh, view: View, wanted: SilhouetteRequest) -> Vecto
     pieces = find_pieces(mesh, view, wanted, passes)
     runs = line_chains.runs_of(pieces.image, pieces.segments.nodes, pieces.segments.kinds, pieces.line, pieces.spans, pieces.visible)
     found = _shaped(_chained(runs, wanted.visible_only, len(mesh.positions)), wanted)
+    depths = -found.depths if view.orthographic else 1.0 / found.depths
     passes.end("chains")
-    return replace(found, passes=tuple(passes.ended), rays=pieces.rays)
+    return replace(found, depths=depths, passes=tuple(passes.ended), rays=pieces.rays)
 
 
 class Passes:
@@ -194,17 +220,29 @@ def _cuts(lines: F8, nodes: I4, contours: F8, contour_nodes: I4, view: View) -> 
 
 
 def _chained(runs: tuple[F8, I4, Array, Flags], visible_only: bool, vertex_count: int) -> VectorLines:
-    points, at, kind, visible = (part[runs[3]] for part in runs) if visible_only else runs
-    ends, offsets, closed = line_chains.chain(points, at, kind, visible)
-    places, nodes, starts = line_chains.polylines(points, at, ends, offsets, closed)
+    """The polylines; their depths are how near they are still, which is linear in the image."""
+    pieces, at, kind, visible = (part[runs[3]] for part in runs) if visible_only else runs
+    ends, offsets, closed = line_chains.chain(pieces, at, kind, visible)
+    places, nodes, starts = line_chains.polylines(pieces, at, ends, offsets, closed)
     first = ends[offsets[:-1]] // 2
     kinds, visible = kind[first], visible[first]
     order = np.lexsort((~visible, kinds))
-    sizes = np.diff(starts)[order]
-    starts_in_order = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
-    rows = np.arange(len(places)) + np.repeat(starts[:-1][order] - starts_in_order[:-1], sizes)
+    rows, offsets = rows_in_order(starts, order)
     nodes = np.where(nodes < vertex_count, nodes, -1)[rows]
-    return VectorLines(places[rows], starts_in_order, kinds[order], visible[order], closed[order], nodes)
+    points, near = _split(places[rows])
+    return VectorLines(points, offsets, kinds[order], visible[order], closed[order], nodes, near)
+
+
+def rows_in_order(offsets: I4, order: Array) -> tuple[Array, I4]:
+    """(rows (n,), offsets (l + 1,) i4) that put polylines, i from offsets[i] to offsets[i + 1], into another order."""
+    sizes = np.diff(offsets)[order]
+    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
+    return np.arange(offsets[-1]) + np.repeat(offsets[:-1][order] - starts[:-1], sizes), starts
+
+
+def _split(places: F8) -> tuple[F8, F8]:
+    """Points, and what is beside them."""
+    return np.ascontiguousarray(places[:, :2]), np.ascontiguousarray(places[:, 2])
 
 
 def _shaped(found: VectorLines, wanted: SilhouetteRequest) -> VectorLines:
@@ -213,8 +251,11 @@ def _shaped(found: VectorLines, wanted: SilhouetteRequest) -> VectorLines:
         keep = line_shapes.simplify(found.points, found.offsets, found.closed, wanted.simplify_px)
         counts = np.concatenate([[0], np.cumsum(keep)]).astype(np.int32)
         assert found.vertices is not None
-        found = replace(found, points=found.points[keep], vertices=found.vertices[keep], offsets=counts[found.offsets])
+        points, near = found.points[keep], found.depths[keep]
+        found = replace(found, points=points, depths=near, vertices=found.vertices[keep], offsets=counts[found.offsets])
     if wanted.smooth_px is not None:
-        points, offsets = line_shapes.smooth(found.points, found.offsets, found.closed, wanted.smooth_px)
-        found = replace(found, points=points, offsets=offsets, vertices=None)
+        places = np.column_stack([found.points, found.depths])
+        places, offsets = line_shapes.smooth(places, found.offsets, found.closed, wanted.smooth_px)
+        points, near = _split(places)
+        found = replace(found, points=points, depths=near, offsets=offsets, vertices=None)
     return found

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.line_pixels import BAR, compared
+from benchmarks.line_pixels import BAR, PULLED_PX, compared
 from client.shapes import write_ply
 from tests import meshes
 
@@ -20,6 +20,7 @@ def test_every_method_draws_the_visible_silhouette_and_nothing_else(tmp_path):
     (row,) = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)["meshes"]
     for method in ("edge_mesh", "wireframe", "fattened"):
         assert row[method]["explained"] >= BAR and row[method]["found"] >= BAR, method
+    assert row["translated"]["explained"] >= BAR and row["translated"]["found"] >= BAR - 1.0
 
 
 def test_ink_without_a_line_and_a_line_without_ink_are_told():
@@ -27,4 +28,5 @@ def test_ink_without_a_line_and_a_line_without_ink_are_told():
     assert compared(line, line) == (100.0, 100.0)
     explained, found = compared(np.concatenate([line[:50], np.add(line[:50], (0.0, 20.0))]), line)
     assert explained == 50.0 and found < 55.0
+    assert compared(np.add(line, (0.0, 7.0)), line)[0] == 0.0 and compared(np.add(line, (0.0, 7.0)), line, PULLED_PX)[0] == 100.0
     assert compared(line, np.empty((0, 2))) == (0.0, 0.0) and compared(np.empty((0, 2)), np.empty((0, 2))) == (100.0, 100.0)

@@ -75,6 +75,19 @@ def test_render_with_lines_over_white(service, knot, tmp_path):
         assert {(0, 0, 0, 255), (255, 255, 255, 255)} <= {colour for _, colour in image.getcolors(96 * 96)}
 
 
+def test_strokes_in_a_picture_and_in_a_drawing(service, knot, tmp_path):
+    stroke = ("--stroke", "width_by=depth", "--stroke", "dash=12,6", "--stroke", "wobble_px=2")
+    run = silhouette("render", knot.id, "-o", tmp_path / "k.png", "--lines", "strokes", *stroke, "--size", 96, url=service.url)
+    assert run.returncode == 0, run.stderr
+    assert b"vector_lines" in run.stderr + run.stdout
+    drawn = silhouette("silhouette", knot.id, "-o", tmp_path / "k.svg", "--visible-only", "--line-width", 7, *stroke, url=service.url)
+    assert drawn.returncode == 0, drawn.stderr
+    assert all(f'{name}="{value}"' in (tmp_path / "k.svg").read_text() for name, value in (("stroke", "none"), ("stroke-width", 7)))
+    for wrong, says in ((("--stroke", "wobble_px=2"), b"--lines strokes"), (("--lines", "strokes", "--stroke", "wavy"), b"--stroke takes")):
+        refused = silhouette("render", knot.id, "-o", tmp_path / "k.png", *wrong, url=service.url)
+        assert refused.returncode != 0 and says in refused.stderr
+
+
 def test_render_and_silhouette_of_a_file_that_is_not_kept(service, client, tmp_path, knot_file):
     known = {mesh.id for mesh in client.list()}
     run = silhouette("render", knot_file, "-o", tmp_path / "k.png", "--size", "60x40", "--once", url=service.url)
@@ -156,6 +169,9 @@ def test_scene_of_ids_and_files_beside_it(service, knot, knot_file, tmp_path):
         "scene", "-", "-o", "-", "--size", "40x30", url=service.url, input=json.dumps({"objects": [{"mesh": knot.id}]}).encode()
     )
     assert piped.stdout[:8] == b"\x89PNG\r\n\x1a\n"
+    (tmp_path / "scene.json").write_text(json.dumps(scene | {"lines": {}}))
+    lined = silhouette("scene", tmp_path / "scene.json", "-o", tmp_path / "s.png", url=service.url)
+    assert b"edge_mesh" in lined.stderr
 
 
 @pytest.mark.parametrize(

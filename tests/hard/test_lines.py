@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from schemas.errors import InvalidRequestError
-from schemas.lines import LineKind
+from schemas.lines import LineKind, Stroke
 from schemas.render import Camera, ProjectTo, SilhouetteRequest
 from service.camera import project, resolve_camera, to_pixels
 from service.kernels import line_image
 from service.silhouette.line_mesh import LineMesh
-from service.silhouette.lines import Passes, find_pieces
+from service.silhouette.lines import Passes, find_pieces, vector_lines
+from service.silhouette.strokes import moved_px, outlines_of, stroked_lines, triangles_of
 from tests import eye_cases, meshes
-from tests.service.line_oracles import hidden_by_rays
+from tests.service.line_oracles import distance_to, hidden_by_rays
 
 CUBE = meshes.cube()
 LEAST_PX = 1e-6
@@ -128,6 +129,35 @@ def test_visibility_is_that_of_rays_in_random_heaps(seed):
         return Camera(eye=eye.tolist(), target=list(frame.centre), up=[0.1, 0.7, -0.6], **more)
 
     check(*found((corners, np.arange(count, dtype=np.int32).reshape(-1, 3)), camera))
+
+
+STROKE = Stroke(width_by="depth", opacity_by="curvature", dash=[5.0, 3.0], wobble_px=4.0, wobble_length_px=9.0)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_strokes_keep_to_their_lines_from_eyes_in_awkward_places(scene):
+    positions, faces, frame = meshes.normalised(SCENES[scene]())
+    ready = LineMesh(positions, np.ascontiguousarray(faces, np.int32))
+    drawn = 0
+    for eye in eye_cases.awkward(positions, faces).values():
+        place = np.array(frame.centre) + frame.scale * eye[:3]
+        more = {} if eye[3] else {"projection": "orthographic", "height": 2.2 * frame.scale}
+        camera = Camera(eye=place.tolist(), target=list(frame.centre + frame.scale * np.array([0.001, 0.002, -0.003])), **more)
+        wanted = SilhouetteRequest(camera=camera, project=ProjectTo(width=120, height=90), kinds=list(LineKind))
+        try:
+            view = resolve_camera(camera, frame, 120, 90)
+        except InvalidRequestError:
+            continue
+        lines = vector_lines(ready, view, wanted)
+        strokes = stroked_lines(ready, view, wanted, STROKE, dict.fromkeys(LineKind, 3.0), 0)
+        assert all(np.isfinite(part).all() for part in (strokes.points, strokes.widths, strokes.opacities))
+        assert np.isfinite(outlines_of(strokes, 3.0)[0]).all() and np.isfinite(triangles_of(strokes, 3.0, 1.0)[0]).all()
+        assert strokes.widths.min(initial=3.0) >= 0.25 * 0.6 * 3.0 - 1e-9 and strokes.widths.max(initial=0.0) <= 3.0 + 1e-9
+        apart = [distance_to(points, closed, strokes.points) for points, closed in zip(lines.polylines(), lines.closed, strict=True)]
+        if apart:
+            assert np.min(apart, axis=0).max(initial=0.0) <= moved_px(STROKE) + 1e-6
+            drawn += 1
+    assert drawn > 4
 
 
 def test_what_is_exactly_behind_a_line_is_hidden_by_it():

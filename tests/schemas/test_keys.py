@@ -1,5 +1,8 @@
 """Store keys and mesh ids."""
 
+import hashlib
+import json
+
 import pytest
 
 from schemas import keys
@@ -11,9 +14,19 @@ def test_the_same_upload_twice_is_the_same_mesh():
     assert keys.mesh_id("ab", "ply", PreprocessOptions()) == keys.mesh_id("ab", "ply", PreprocessOptions())
 
 
-@pytest.mark.parametrize("options", [{"hull_faces": 500}, {"texels": 512}, {"repair": "never"}])
+@pytest.mark.parametrize("options", [{"hull_faces": 500}, {"texels": 512}, {"repair": "never"}, {"max_faces": 9}])
 def test_other_options_are_another_mesh(options):
     assert keys.mesh_id("ab", "ply", PreprocessOptions(**options)) != keys.mesh_id("ab", "ply", PreprocessOptions())
+
+
+def test_options_that_say_nothing_are_no_part_of_the_identity():
+    told = json.dumps(["ab", "ply", {"hull_faces": 1000, "repair": "auto", "texels": 1024}, keys.PIPELINE_VERSION])
+    assert keys.mesh_id("ab", "ply", PreprocessOptions(max_faces=None)) == hashlib.sha256(told.encode()).hexdigest()[:32]
+
+
+@pytest.mark.parametrize(("own", "most", "both"), [(None, None, None), (5, None, 5), (None, 7, 7), (5, 7, 5), (9, 7, 7)])
+def test_a_limit_of_faces_only_ever_tightens(own, most, both):
+    assert PreprocessOptions(max_faces=own).narrowed(most).max_faces == both
 
 
 def test_bytes_and_format_are_part_of_the_identity():

@@ -61,6 +61,46 @@ def test_an_objects_shading_has_the_scenes_for_what_it_does_not_say():
     ]
 
 
+STYLES = {"silhouette": {"width": 3.0, "color": "#010203"}, "ridge": {"opacity": 0.5}, "method": "fattened"}
+
+
+def test_an_objects_lines_have_the_scenes_for_what_they_do_not_say():
+    own = {"silhouette": {"color": "#ff0000"}, "ridge": None, "valley": {"width": 2.0}, "method": "wireframe"}
+    request = SceneRequest(lines=STYLES, objects=[{"mesh": MESH}, {"mesh": MESH, "lines": own}, {"mesh": MESH, "lines": None}])
+    scenes, objects, none = (request.lines_of(i) for i in range(3))
+    assert scenes == request.lines
+    assert (objects.method, objects.silhouette.width, objects.silhouette.color) == ("wireframe", 3.0, "#ff0000")
+    assert (objects.ridge, objects.valley.width, objects.boundary) == (None, 2.0, request.lines.boundary)
+    assert none is None
+
+
+def test_lines_of_one_object_alone_are_as_they_say():
+    request = SceneRequest(objects=[{"mesh": MESH}, {"mesh": MESH, "lines": {"ridge": {"width": 4.0}}}])
+    assert request.lines_of(0) is None
+    assert request.lines_of(1).ridge.width == 4.0
+
+
+@pytest.mark.parametrize(
+    ("lines", "of_objects", "expected"),
+    [(None, [{}, {}], False), ({}, [{}, {}], True), ({}, [{"lines": None}, {"lines": None}], False), (None, [{}, {"lines": {}}], True)],
+)
+def test_a_scene_has_lines_when_one_of_its_objects_has(lines, of_objects, expected):
+    assert SceneRequest(lines=lines, objects=[{"mesh": MESH} | one for one in of_objects]).has_lines == expected
+
+
+def test_requests_that_are_drawn_differently_are_resolved_to_different_ones():
+    """What an object does not say is not what it says as the default."""
+    alike = [{}, {"lines": {}}, {"shading": {}}, {"lines": {"silhouette": {}}, "shading": {"color": "#010203"}}]
+    others = [{"lines": None}, {"lines": {"silhouette": {"width": 1.5}}}, {"lines": {"silhouette": None}}, {"shading": {"ambient": 0.25}}]
+
+    def dumped(one):
+        shading = {"ambient": 0.5, "color": "#010203"}
+        return SceneRequest(lines=STYLES, shading=shading, objects=[{"mesh": MESH} | one]).resolved().model_dump_json()
+
+    assert len({dumped(one) for one in alike}) == 1
+    assert len({dumped(one) for one in [{}, *others]}) == len(others) + 1
+
+
 def changed(row, column, value):
     rows = [list(r) for r in ROW]
     rows[row][column] = value

@@ -28,6 +28,7 @@ def source(mesh, scale=1.0, closed=True):
         faces=faces,
         edges=(table.vertices, table.faces) if closed else None,
         tree=None,
+        radius=1.0,
         clip=Capability(available=closed, reason=reason),
     )
 

@@ -19,7 +19,9 @@ from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_dxf, silhouette_json, silhouette_svg
 from service.silhouette.line_mesh import LineMesh
 from service.silhouette.lines import KINDS
+from service.silhouette.strokes import outlines_of
 from tests import meshes
+from tests.service.stroke_oracles import polygons_of
 from tests.service.test_lines import crossing_cubes, grid
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -35,6 +37,7 @@ def source(mesh, closed=True):
         faces=faces,
         edges=(table.vertices, table.faces) if table else None,
         tree=None,
+        radius=1.0,
         clip=Capability(available=closed, reason=None if closed else "it has holes"),
         line_mesh=LineMesh(positions, faces),
     )
@@ -53,6 +56,17 @@ def tags_of(dxf):
     rows = dxf.decode("ascii").split("\n")
     assert rows.pop() == "" and len(rows) % 2 == 0
     return [(int(code), value) for code, value in zip(rows[::2], rows[1::2], strict=True)]
+
+
+def widths_of(tags):
+    """[(start, end), ...] of every vertex, by the rules of release 12."""
+    found, mode = [], None
+    for code, value in tags:
+        if code == 0:
+            mode = value
+        elif mode == "VERTEX" and code in (40, 41):
+            found.append(float(value))
+    return list(zip(found[::2], found[1::2], strict=True))
 
 
 def polylines_of(tags):
@@ -185,6 +199,65 @@ def test_smooth_lines_have_no_vertices():
     assert {line["kind"] for line in answer["lines"]} == {"silhouette"}
 
 
+STROKE = {"width_by": "depth", "opacity_by": "depth", "least": 0.2, "wobble_px": 1.5, "dash": [9.0, 5.0]}
+
+
+def test_json_and_binary_have_widths_and_opacities_of_strokes_at_every_point():
+    described = describe_silhouette(CUBES, asked(kinds=ALL, stroke=STROKE, line_width={LineKind.RIDGE: 4.0}))
+    lines, tensors = described.lines, load(silhouette_binary(described))
+    answer = Silhouette.model_validate(json.loads(silhouette_json(described)))
+    for line, (a, b), kind, visible in zip(answer.lines, pairwise(lines.offsets.tolist()), lines.kinds, lines.visible, strict=True):
+        assert line.vertices is None and len(line.points) == len(line.widths) == len(line.opacities)
+        assert np.abs(np.array(line.widths) - lines.widths[a:b]).max() <= 5.1e-4
+        assert np.abs(np.array(line.opacities) - lines.opacities[a:b]).max() <= 5.1e-4
+        if KINDS[kind] is LineKind.RIDGE:
+            assert 0.2 * 4.0 * (1.0 if visible else 0.6) - 1e-3 <= min(line.widths) <= max(line.widths) <= 4.001
+    assert np.array_equal(tensors["line_widths"], lines.widths) and np.array_equal(tensors["line_opacities"], lines.opacities)
+    assert lines.opacities[np.repeat(~lines.visible, np.diff(lines.offsets))].max() <= 0.55
+
+
+def test_svg_of_strokes_is_filled_outlines_that_are_those_of_the_lines():
+    described = describe_silhouette(CUBES, asked(visible_only=True, stroke={"width_by": "depth", "wobble_px": 2.0}))
+    (path,) = ElementTree.fromstring(silhouette_svg(described)).iter(SVG + "path")
+    assert path.attrib["stroke"] == "none" and path.attrib["fill"] == "#111111" and "fill-opacity" not in path.attrib
+    drawn = [np.array([p.split(",") for p in text.split(" ")], float) for text in re.findall(r"M([^MZ]*)Z", path.attrib["d"])]
+    expected = polygons_of(*outlines_of(described.lines, 2.0))
+    assert [len(polygon) for polygon in drawn] == [len(polygon) for polygon in expected]
+    assert max(np.abs(a - b).max() for a, b in zip(drawn, expected, strict=True)) <= 0.0051
+
+
+def test_svg_of_strokes_has_a_path_for_each_level_of_opacity_and_hidden_lines_thinner():
+    described = describe_silhouette(CUBES, asked(kinds=["silhouette"], stroke={"opacity_by": "depth"}))
+    paths = list(ElementTree.fromstring(silhouette_svg(described)).iter(SVG + "path"))
+    shown, hidden = ([p for p in paths if p.attrib["class"] == name] for name in ("visible", "hidden"))
+    assert 2 <= len(shown) <= 8 and 2 <= len(hidden) <= 8
+    assert all(0.0 < float(p.attrib["stroke-opacity"]) < 1.0 for p in paths)
+    assert {p.attrib["stroke-width"] for p in hidden} == {"1.2"} and not any("stroke-width" in p.attrib for p in shown)
+    assert all(p.attrib["stroke-linecap"] == "butt" and "stroke-dasharray" not in p.attrib for p in hidden)
+    assert len(re.findall("M", hidden[0].attrib["d"])) > (~described.lines.visible).sum(), "cut into dashes"
+
+
+def test_svg_of_strokes_of_one_width_keeps_stroked_paths():
+    described = describe_silhouette(CUBES, asked(kinds=["silhouette"], stroke={"dash": [9.0, 5.0], "wobble_px": 1.0}))
+    shown, hidden = ElementTree.fromstring(silhouette_svg(described)).iter(SVG + "path")
+    if shown.attrib["class"] == "hidden":
+        shown, hidden = hidden, shown
+    assert shown.attrib["stroke-linecap"] == "butt" and "Z" not in shown.attrib["d"]
+    assert len(re.findall("M", shown.attrib["d"])) == described.lines.visible.sum()
+    assert hidden.attrib["stroke-opacity"] == "0.55" and "stroke-dasharray" in hidden.attrib
+
+
+def test_dxf_of_strokes_has_their_widths_at_both_ends_of_every_piece():
+    described = describe_silhouette(CUBES, asked(kinds=ALL, stroke=STROKE))
+    tags, lines = tags_of(silhouette_dxf(described)), described.lines
+    assert [len(points) for _, _, points in polylines_of(tags)] == np.diff(lines.offsets).tolist()
+    found = np.array(widths_of(tags))
+    for a, b in pairwise(lines.offsets.tolist()):
+        assert np.abs(found[a:b, 0] - lines.widths[a:b]).max() <= 5.1e-4
+        assert np.abs(found[a : b - 1, 1] - lines.widths[a + 1 : b]).max() <= 5.1e-4
+    assert widths_of(tags_of(silhouette_dxf(describe_silhouette(CUBES, asked(kinds=ALL))))) == []
+
+
 def test_a_view_of_nothing_makes_empty_documents():
     behind = {"eye": [0.0, 0.0, 9.0], "target": [0.0, 0.0, 20.0]}
     described = describe_silhouette(CUBES, asked(camera=behind, kinds=ALL, simplify_px=1.0, smooth_px=1.0))
@@ -201,6 +274,7 @@ def test_a_view_of_nothing_makes_empty_documents():
         ({"visible_only": True, "project": None}, "visible_only"),
         ({"kinds": ["ridge"], "smooth": True}, "smooth"),
         ({"visible_only": True, "max_error_px": 1.0}, "max_error_px"),
+        ({"stroke": {}}, "stroke"),
     ],
 )
 def test_what_does_not_go_together_is_named(fields, field):

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 
 from schemas.errors import InvalidRequestError
-from schemas.lines import LineMethod
+from schemas.lines import LineMethod, Stroke
 from schemas.render import Fill, ImageFormat
-from service.view_query import QUERY_NAMES, RenderQuery
+from service.view_query import QUERY_NAMES, RenderQuery, SilhouetteQuery
 
 
 def asked(**parameters):
@@ -32,9 +32,28 @@ def test_looks_and_kinds_are_those_of_the_address():
     assert wanted.shading.fill is Fill.WHITE
 
 
+def test_strokes_are_asked_for_by_any_of_their_parameters():
+    assert asked(lines="strokes").lines.stroke is None
+    stroke = asked(lines="strokes", stroke_width_by="depth", stroke_dash="12,6", stroke_seed=3, stroke_wobble_px=2.5).lines.stroke
+    assert (stroke.width_by, stroke.dash, stroke.seed, stroke.wobble_px, stroke.opacity_by) == ("depth", [12.0, 6.0], 3, 2.5, None)
+    drawing = SilhouetteQuery(kinds="silhouette", stroke_opacity_by="angle", stroke_nib_deg=30, stroke_least=0.5).request().stroke
+    assert (drawing.opacity_by, drawing.nib_deg, drawing.least) == ("angle", 30.0, 0.5)
+    assert SilhouetteQuery(kinds="silhouette").request().stroke is None
+
+
+def test_every_field_of_a_stroke_has_a_parameter():
+    for query in (RenderQuery, SilhouetteQuery):
+        assert {f"stroke_{name}" for name in Stroke.model_fields} <= set(query.model_fields)
+
+
 @pytest.mark.parametrize(
     ("parameters", "field"),
     [
+        ({"lines": "strokes", "stroke_dash": "12"}, "stroke_dash"),
+        ({"lines": "strokes", "stroke_dash": "12,long"}, "stroke_dash"),
+        ({"lines": "strokes", "stroke_dash": "12,0.1"}, "stroke_dash"),
+        ({"lines": "strokes", "stroke_least": 2.0}, "stroke_least"),
+        ({"stroke_wobble_px": 2.0}, "stroke_wobble_px"),
         ({"line_width": 2.0}, "line_width"),
         ({"charcoal": True}, "charcoal"),
         ({"lines": "wireframe", "line_kinds": "crease"}, "line_kinds"),
@@ -50,5 +69,14 @@ def test_faults_are_told_by_the_name_in_the_address(parameters, field):
 
 
 def test_fields_that_plans_refuse_have_names_in_the_address():
-    for field in ("shading.fill", "shading.mode", "lines.charcoal", "lines.declutter", "lines.method"):
+    for field in (
+        "shading.fill",
+        "shading.mode",
+        "lines.charcoal",
+        "lines.declutter",
+        "lines.method",
+        "lines.stroke",
+        "lines.scale",
+        "stroke",
+    ):
         assert field in QUERY_NAMES

@@ -70,7 +70,7 @@ def test_a_loaded_mesh_has_pictures_but_nothing_of_its_hull(store, meshes):
     with pytest.raises(NotReadyError):
         meshes.manifest(mesh_id)
     info = meshes.info(mesh_id)
-    assert (info.status, set(info.links)) == ("processing", {"self", "events", "render", "thumbnail"})
+    assert (info.status, set(info.links)) == ("processing", {"self", "events", "render", "thumbnail", "original.glb"})
     assert (info.stats.faces, info.sphere.radius, info.hull) == (4, 2.0, None)
     assert not info.capabilities["clip"].available and "has not ended" in info.capabilities["clip"].reason
     assert not store.exists(keys.manifest(mesh_id))

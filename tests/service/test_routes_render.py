@@ -382,3 +382,27 @@ def test_a_budget_is_met_or_said_to_be_missed(http, knot):
     tight = http.post(address, json={"width": 128, "height": 128, "accuracy": {"budget_ms": 0.001, "max_error_px": 0.1}})
     told = dict(item.split("=") for item in tight.headers["x-accuracy"].split("; "))
     assert told["missed"] == "budget_ms" and float(told["error_px"]) <= 0.1
+
+
+def test_strokes_come_by_address_and_by_body_and_say_their_passes(http, knot):
+    query = {"width": 120, "height": 90, "azimuth": 30, "elevation": 20, "lines": "strokes", "line_width": 4, "fill": "white"}
+    query |= {"stroke_width_by": "angle", "stroke_dash": "14,6", "stroke_wobble_px": 2.0, "stroke_seed": 3}
+    by_address = http.get(f"/v1/meshes/{knot.id}/render.png", params=query)
+    style = {"width": 4.0}
+    lines = {"method": "strokes", "silhouette": style, "boundary": style}
+    lines["stroke"] = {"width_by": "angle", "dash": [14.0, 6.0], "wobble_px": 2.0, "seed": 3}
+    by_body = picture(http, knot, width=120, height=90, lines=lines, shading={"fill": "white"})
+    assert np.array_equal(pixels(by_address), by_body)
+    for name in ("vector_lines", "line_strokes", "strokes"):
+        assert name in by_address.headers["x-plan"] and f"{name};dur=" in by_address.headers["server-timing"]
+    other = http.get(f"/v1/meshes/{knot.id}/render.png", params=query | {"stroke_seed": 4})
+    assert not np.array_equal(pixels(other), by_body)
+    told = http.post(f"/v1/meshes/{knot.id}/render", params={"explain": True}, json={"lines": lines}).json()
+    assert {"vector_lines", "line_strokes", "strokes"} <= {one["name"] for one in told["passes"]}
+
+
+def test_a_stroke_of_another_method_is_refused_by_its_field(http, knot):
+    refused = http.post(f"/v1/meshes/{knot.id}/render", json={"lines": {"method": "fattened", "stroke": {"wobble_px": 1.0}}})
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "lines.stroke")
+    refused = http.get(f"/v1/meshes/{knot.id}/render.png", params={"lines": "edge_mesh", "stroke_wobble_px": 1.0})
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "lines")

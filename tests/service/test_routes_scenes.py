@@ -160,6 +160,54 @@ def test_interlocked_meshes_that_insist_on_clipping_are_refused(http, knot):
     assert "objects 0, 1" in problem["detail"]
 
 
+def test_lines_are_drawn_of_all_objects_against_a_common_depth(http, two):
+    plain = pixels(http.post(URL, json={**two, "accuracy": {"source": "original", "antialias": "msaa"}}))
+    two["objects"][1]["lines"] = {"silhouette": {"color": "#0000ff"}}
+    answer = http.post(URL, json={**two, "lines": {"method": "fattened", "silhouette": {"width": 3}}})
+    lined = pixels(answer)
+    blue = (lined[..., 2] > 200) & (lined[..., 0] < 60) & (lined[..., 3] > 0)
+    black = (lined[..., :3].max(axis=2) < 40) & (lined[..., 3] > 0)
+    assert 0.01 < blue.mean() < 0.5
+    assert 0.004 < black.mean() < 0.5
+    assert (lined[..., 3] > 0).sum() > (plain[..., 3] > 0).sum()
+    timing = re.findall(r"(\w+);dur=[\d.]+", answer.headers["server-timing"])
+    assert {"line_faces", "line_strokes", "surface", "lines_back"} <= set(timing)
+    assert answer.headers["x-plan"].startswith("layer[0]: objects 0+1 original/msaa (")
+    assert answer.headers["x-plan"].endswith("together: lines need a common depth)")
+    assert answer.headers["x-accuracy"] == "rung=original/msaa"
+
+
+def test_an_object_without_lines_is_another_answer_than_one_that_has_the_scenes(http, two):
+    two["lines"] = {"silhouette": {"width": 3}}
+    first = http.post(URL, json=two)
+    two["objects"][1]["lines"] = None
+    second = http.post(URL, json=two, headers={"If-None-Match": first.headers["etag"]})
+    assert second.status_code == 200
+    assert second.content != first.content
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"lines": {}, "accuracy": {"source": "clipped"}}, "accuracy.source"),
+        ({"lines": {"charcoal": True}}, "lines.charcoal"),
+        ({"lines": {"silhouette": {"width": 0}}}, "lines.silhouette.width"),
+        ({"shading": {"fill": "white"}}, "shading.fill"),
+    ],
+)
+def test_wrong_lines_are_422_and_name_the_field(http, two, change, field):
+    answer = http.post(URL, json={**two, **change})
+    assert answer.status_code == 422
+    assert [item["field"] for item in answer.json()["errors"]] == [field]
+
+
+def test_wrong_lines_of_an_object_name_it(http, two):
+    two["objects"][1]["lines"] = {"method": "translated", "declutter": True}
+    problem = http.post(URL, json=two).json()
+    assert [item["field"] for item in problem["errors"]] == ["objects[1].lines.declutter"]
+    assert problem["detail"].startswith("objects[1]: ")
+
+
 def test_the_reference_has_a_scene_to_try(http):
     document = http.get("/openapi.json").json()
     schema = document["components"]["schemas"]["SceneRequest"]
@@ -173,5 +221,6 @@ def test_the_client_draws_scenes(client, knot, two):
     assert picture.media_type == "image/png"
     assert picture.plan.startswith("layer[0]: object 0")
     assert client.render_scene(objects, **two) == picture.body
+    assert "edge_mesh" in client.scene_picture(objects, lines={"ridge": {}}, **two).plan
     with pytest.raises(NotFoundError, match=r"objects\[0\]\.mesh"):
         client.render_scene([{"mesh": "f" * 32}])

@@ -112,6 +112,29 @@ def test_a_drawing_of_lines_is_grouped_by_kind(http, knot):
     assert [g.attrib["stroke-width"] for g in groups] == ["2.5"]
 
 
+def test_strokes_come_by_query_and_by_body_in_every_document(http, knot):
+    stroke = {"width_by": "depth", "opacity_by": "curvature", "wobble_px": 2.0, "seed": 4}
+    body = {"project": {"width": 300, "height": 200}, "visible_only": True, "stroke": stroke}
+    posted = http.post(f"/v1/meshes/{knot.id}/silhouette", json=body)
+    query = {"width": 300, "height": 200, "visible_only": True} | {f"stroke_{name}": value for name, value in stroke.items()}
+    by_query = {suffix: http.get(f"/v1/meshes/{knot.id}/silhouette.{suffix}", params=query) for suffix in ("json", "svg", "dxf", "bin")}
+    assert by_query["json"].json()["lines"] == posted.json()["lines"]
+    assert all(answer.status_code == 200 for answer in by_query.values())
+    line = posted.json()["lines"][0]
+    assert len(line["widths"]) == len(line["opacities"]) == len(line["points"]) and "vertices" not in line
+    assert "stroke;dur=" in posted.headers["server-timing"] and accuracy(posted)["line_error_px"] == "2.1"
+    other = http.get(f"/v1/meshes/{knot.id}/silhouette.json", params=query | {"stroke_seed": 5})
+    assert other.headers["etag"] != by_query["json"].headers["etag"] and other.content != by_query["json"].content
+    assert http.get(f"/v1/meshes/{knot.id}/silhouette.json", params=query).content == by_query["json"].content
+
+
+def test_a_stroke_without_lines_is_refused(http, knot):
+    refused = http.post(f"/v1/meshes/{knot.id}/silhouette", json={"stroke": {"wobble_px": 1.0}})
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "stroke")
+    refused = http.get(f"/v1/meshes/{knot.id}/silhouette.svg", params={"stroke_wobble_px": 1.0})
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "kinds")
+
+
 def test_an_open_mesh_has_lines_but_no_silhouette(http, client, tmp_path):
     write_ply(str(tmp_path / "sheet.ply"), *grid())
     sheet = client.wait(client.upload(tmp_path / "sheet.ply", repair="never").id, timeout_s=280.0)
@@ -140,6 +163,8 @@ def test_what_is_not_asked_for_is_left_out(http, knot):
         ({"kinds": [], "project": {}}, "kinds"),
         ({"visible_only": True}, "visible_only"),
         ({"kinds": ["ridge"], "ridge_deg": 181, "project": {}}, "ridge_deg"),
+        ({"kinds": ["ridge"], "stroke": {"dash": [3, 2, 1]}, "project": {}}, "stroke.dash"),
+        ({"kinds": ["ridge"], "stroke": {"width_by": "age"}, "project": {}}, "stroke.width_by"),
         ({"kinds": ["ridge"], "line_width": {"ridge": 0}, "project": {}}, "line_width.ridge"),
     ],
 )

@@ -8,7 +8,8 @@ import pytest
 from starlette.requests import ClientDisconnect, Request
 
 from schemas.errors import InvalidRequestError, MeshRejectedError, StorageFullError, TooLargeError
-from service.uploads import WRITE_BYTES, UploadLimits, receive_upload
+from service.forms import WRITE_BYTES
+from service.uploads import UploadLimits, receive_upload
 
 PLENTY = UploadLimits(max_bytes=1 << 30, room_bytes=1 << 30)
 

@@ -20,6 +20,7 @@ from service.render.renderer import Renderer
 from service.scene.draw import drawing_of
 from service.scene.plan import plan_scene
 from service.silhouette.describe import describe_silhouette
+from service.silhouette.document import silhouette_dxf, silhouette_json, silhouette_svg
 from service.warm import warm
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,6 +56,17 @@ def ask_for_lines(renderer: Renderer, asset: MeshAsset) -> None:
                     renderer.submit(one, RenderRequest(camera=camera, lines=lines)).result()
 
 
+def ask_for_strokes(renderer: Renderer, asset: MeshAsset) -> None:
+    """In pictures and drawings, with all that strokes have and with nothing."""
+    full = {"width_by": "depth", "opacity_by": "angle", "dash": [5.0, 3.0], "wobble_px": 3.0}
+    for stroke in ({}, {"opacity_by": "curvature"}, {"width_by": "curvature", "wobble_px": 2.0}, full):
+        for camera in CAMERAS:
+            renderer.submit(asset, RenderRequest(camera=camera, lines={"method": "strokes", "stroke": stroke})).result()
+            wanted = SilhouetteRequest(camera=camera, project=ProjectTo(), kinds=list(LineKind), stroke=stroke)
+            for write in (silhouette_svg, silhouette_dxf, silhouette_json):
+                write(describe_silhouette(asset, wanted))
+
+
 def ask_for_everything(renderer: Renderer) -> None:
     """Pictures and silhouettes of a real asset, from far, near and within."""
     from tests.service.render.made import clippable
@@ -63,6 +75,7 @@ def ask_for_everything(renderer: Renderer) -> None:
     for array in (asset.positions, asset.faces, asset.normals, *(asset.edges or ()), *(asset.hull or {}).values()):
         array.flags.writeable = False  # as arrays of a file are: to numba another type
     ask_for_lines(renderer, asset)
+    ask_for_strokes(renderer, asset)
     for camera in CAMERAS:
         for side in (8, 256):
             for antialias in (Antialias.COVERAGE, Antialias.LINE, Antialias.NONE):

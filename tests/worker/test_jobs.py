@@ -101,7 +101,8 @@ def test_a_closed_mesh_becomes_ready_with_all_its_artifacts(running):
     assert all(r.seconds > 0 and r.peak_mib > 10 for r in manifest.stages)
     written = {name for r in manifest.stages for name in r.artifacts}
     downloads = {artifacts.HULL_GLB, artifacts.NORMAL_PNG}
-    layouts = (artifacts.MESH, artifacts.HULL, artifacts.HULL_SEQUENCE, artifacts.INNER_SEQUENCE, artifacts.MAPS, artifacts.TREE)
+    layouts = (artifacts.MESH, artifacts.FILE_VERTICES, artifacts.HULL, artifacts.HULL_SEQUENCE, artifacts.INNER_SEQUENCE)
+    layouts += (artifacts.MAPS, artifacts.TREE)
     assert written == {layout.file for layout in layouts} | downloads
     assert written < files_of(queue.store, mesh_id)
     for layout in layouts:

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from geometry.topology import build_edges, signed_volume
-from schemas.errors import SilhouetteError
+from schemas.errors import SilhouetteError, TooLargeError
 from schemas.mesh import PreprocessOptions
 from tests.meshes import bumpy_sphere, cube, joined, knot, shared, sphere, torus
 from tests.worker.loading.uploads import FORMATS, as_bytes, built, extension, loaded, parsed
@@ -297,3 +297,11 @@ def test_the_edge_table_of_a_real_mesh_is_that_of_its_faces():
     result = real("plate_holes.STL")
     edges = build_edges(result.faces)
     np.testing.assert_array_equal(edges.faces, result.edges.faces)
+
+
+def test_a_mesh_of_more_faces_than_its_options_allow_is_refused(tmp_path):
+    data = as_bytes(sphere(1), "ply")
+    assert loaded(tmp_path, data, "ply", max_faces=80).stats.faces == 80
+    with pytest.raises(TooLargeError, match="79") as error:
+        loaded(tmp_path, data, "ply", max_faces=79)
+    assert error.value.where["limit"] == 79

@@ -9,11 +9,12 @@ ridge or valley by the angle between them. Departures:
 - Half of such a rectangle lies over the faces beside the edge, which are often nearer than the edge. Instead of a depth test of each
   pixel with some bias, all pixels of a line are hidden where the nearest point of its edge is: widths do not suffer, and a line
   behind a surface does not show through it by the bias.
-- Edges that folding hides behind their own faces are left out where no back face can be seen.
+- Edges of two back faces are left out where no back face can be seen.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,17 +23,22 @@ import numpy as np
 
 from schemas.lines import Lines, LineStyle
 from service.camera import View
+from service.render.deep import NEAREST_PART as FARTHEST_DEPTH
+from service.render.deep import pixel_depth
 from service.render.edge_mesh import EdgeMesh
-from service.render.line_plan import reference_depth
+from service.render.line_plan import reference_depth, styles_of
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
 
 NEAREST_PART = 1e-3
 """Parts of an edge that are nearer than this part of the view's near depth are cut off."""
 WIDEST = 8.0
 """Lines whose width follows the distance are at most so many times as wide as in the middle of the mesh."""
+USUAL_RANGE = 2.0, -1.0
+"""(scale, shift) from window depth to the clip coordinate, as `GlContext.deep_range` where depth is reversed."""
 LEAST_WIDTH = 1.0
 """Target pixels: thinner lines would have gaps wherever they pass between pixel centres."""
 
+KINDS = 4
 Styles = Sequence[LineStyle | None]
 """Of silhouettes, borders, ridges and valleys; None for those that are not drawn. The first of several that an edge is counts."""
 
@@ -51,25 +57,32 @@ def draw_lines_of(frame: FrameState, mesh: EdgeMesh, lines: Lines) -> None:
     """The same for an edge mesh that the cache does not have, such as one that has been moved."""
     if frame.target is None:
         raise RuntimeError("lines came before the surface they are drawn over")
-    styles = _styles(lines, mesh)
+    gpu, target, styles = frame.gpu, frame.target, _styles(lines, mesh)
+    framebuffer = gpu.targets.over(target)
+    framebuffer.viewport = (0, 0, frame.tile.width * frame.scale, frame.tile.height * frame.scale)
+    _write(framebuffer, color=False, alpha=False, depth=True)
+    if frame.line_place[0] == 0:
+        framebuffer.clear()
     if not any(styles):
         return
-    gpu, target = frame.gpu, frame.target
     program = _program(frame, mesh, lines, styles)
     gpu.programs.set(program, **frame.placement(), **_geometry(frame, lines, styles), depth=0, positions=1)
     gpu.gl.use_depth_texture(target.depth, target.samples, 0)
     mesh.positions.use(1)
-    framebuffer = gpu.targets.over(target)
-    framebuffer.viewport = (0, 0, frame.tile.width * frame.scale, frame.tile.height * frame.scale)
-    _write(framebuffer, color=False, alpha=False, depth=True)
-    framebuffer.clear()
     gpu.gl.ignore_windings()
-    # where lines meet the first one stays, and those of an earlier kind are before those of a later one
-    gpu.ctx.depth_func = "<"
+    # where lines meet the first one stays, those of an earlier kind are before those of a later one, and those of a later mesh before all
+    gpu.gl.reverse_depth(False)
     if all(style is None or style.opacity == 1.0 for style in styles):
         _draw_opaque(frame, mesh, program, styles)
     else:
         _draw_translucent(frame, mesh, program, styles)
+    gpu.gl.reverse_depth(frame.plan.deep)
+
+
+def reach_of(lines: Lines, view: View) -> int:
+    """Pixels from an edge, at most, to what its line covers: as far away depth is asked for."""
+    half_width = max((0.5 * style.width for style in styles_of(lines)), default=0.0)
+    return math.ceil(half_width * _most_widened(lines, view)) + 1
 
 
 def _most_widened(lines: Lines, view: View) -> float:
@@ -160,16 +173,24 @@ def _geometry(frame: FrameState, lines: Lines, styles: Styles) -> dict[str, Any]
         "eye": _eye(frame),
         "size": (float(size[0]), float(size[1])),
         "reach": (1.0 + 2.0 * beyond / size[0], 1.0 + 2.0 * beyond / size[1]),
+        "depths": _line_depths(*frame.line_place),
         "half_widths": tuple(half_widths),
         "least_half_width": 0.5 * LEAST_WIDTH,
         "width_at": reference_depth(view) if _follows(lines, view) else 0.0,
         "widest": WIDEST,
         "least_w": 0.5 if view.orthographic else NEAREST_PART * view.near,
-        "pixel_depth": _pixel_depth(view) / scale,
+        "range": frame.gpu.gl.deep_range if frame.plan.deep else USUAL_RANGE,
+        "farther": -1.0 if frame.plan.deep else 1.0,
+        "pixel_depth": (_deep_pixel_depth(view) if frame.plan.deep else _pixel_depth(view)) / scale,
         "pixel_depth_at": 1.0 if view.orthographic else view.far,
         "ridge_deg": lines.ridge_deg,
         "valley_deg": lines.valley_deg,
     }
+
+
+def _line_depths(place: int, meshes: int) -> tuple[float, float]:
+    """(first, step) of the clip coordinates of the kinds, for one of so many meshes, of which the last is the nearest."""
+    return -0.5 + (meshes - 1 - place) / meshes, 1.0 / (KINDS * meshes)
 
 
 def _eye(frame: FrameState) -> tuple[float, ...]:
@@ -184,7 +205,13 @@ def _pixel_depth(view: View) -> float:
     """What the size of an image pixel is in window depth, at most all of it: anywhere when orthographic, else at the far depth."""
     z, w = view.matrix[2], view.matrix[3]
     if view.orthographic:
-        return min(1.0, 0.5 * float(np.linalg.norm(z[:3])) / view.pixel_scale)
+        return min(1.0, pixel_depth(view)[1])
     # z is some A w + B, so window depth changes by B / (2 w^2) a unit, and a pixel is w / pixel_scale units
     constant = float(z[3] - (z[:3] @ w[:3]) / (w[:3] @ w[:3]) * w[3])
-    return min(1.0, 0.5 * abs(constant) / (view.far * view.pixel_scale))
+    return min(1.0, 0.5 * abs(constant) / (view.far * view.depth_pixels))
+
+
+def _deep_pixel_depth(view: View) -> float:
+    """The same where depth is reversed (`service.render.deep`)."""
+    share, shift = pixel_depth(view)
+    return min(1.0, shift if view.orthographic else FARTHEST_DEPTH * share)

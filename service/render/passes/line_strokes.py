@@ -2,7 +2,7 @@
 
 Image Precision Silhouette Edges: edges of back faces (section 3.1), the rims of fattened faces (3.3), those of front faces
 seen nearly edge-on and widths by distance (4, 6). Departures: fattening is done in the image, where a width is so many pixels whatever the
-perspective, with the depth of the face's plane; V . N_B counts as 0.1 at least there, so that no sliver comes far before the rest;
+perspective, with the depth of the face's plane, which rises so far at most that no sliver comes before the rest;
 corners are round instead of cut, so that the strokes of different faces meet.
 """
 
@@ -14,10 +14,13 @@ import numpy as np
 
 from schemas.conventions import I4
 from schemas.lines import LineMethod, Lines, LineStyle
+from service.kernels.stroke_turns import turns_at_ends
 from service.kernels.strokes import LARGEST_GAIN, Pen, StrokeView, corners_of, make_strokes
 from service.render.deep import NEAREST_PART, depth_row, pixel_depth
-from service.render.line_plan import reference_depth
+from service.render.line_plan import DRAWN_KINDS, reference_depth
 from service.render.state import FrameState, Strokes
+from service.silhouette.lines import KINDS, VectorLines
+from service.silhouette.strokes import opacity_levels, triangles_of
 
 ROUND_PX = 0.3
 """How far a round end may be off a circle, pixels."""
@@ -25,16 +28,21 @@ NEARER_RADII, NEARER_PX = 3.0, 1.0
 """Strokes on edges are drawn nearer by so many radii and pixels, in pixels' sizes: the surface beside may rise 3 on each pixel."""
 MOST_RISE = 1.0
 """A silhouette's edges are drawn nearer by what the surface beside rises, at most so much on each pixel."""
-FOLD_PX, FOLD_RADII = 2.0, 1.0
-"""Silhouettes are drawn farther by so many pixels' sizes (wireframe), or so many radii and as much again as a pixel (fattened): what is
-behind a fold must be farther than that, so that the roughness of scans is not all lines."""
+FOLD_PX = 2.0
+"""Silhouettes are drawn farther by so many pixels' sizes: what is behind a fold must be farther than that, so that
+the roughness of scans is not all lines."""
 FIT_MARGIN = 1.02
+NEAREST = 1.0
+"""Depth that nothing hides."""
 
 
 def make_line_strokes(frame: FrameState) -> None:
     """Make `frame.strokes` for the passes that draw them."""
     lines = frame.plan.lines
     assert lines is not None
+    if frame.vector_lines is not None:
+        frame.strokes["strokes"] = _vector_strokes(frame.vector_lines, lines)
+        return
     view, style = stroke_view(frame), lines.silhouette or LineStyle()
     if "lines_back" in frame.line_ends:
         ends, fattened = frame.line_ends["lines_back"], lines.method is LineMethod.FATTENED
@@ -45,6 +53,18 @@ def make_line_strokes(frame: FrameState) -> None:
         frame.strokes["charcoal"] = [_strokes(frame, view, pen, frame.line_ends["charcoal"], style, True)]
     if "line_edges" in frame.plan.passes:
         frame.strokes["line_edges"] = _feature_strokes(frame, view, lines)
+
+
+def _vector_strokes(found: VectorLines, lines: Lines) -> list[Strokes]:
+    """Those of the vector lines, the kind that is drawn over all others last; of those that are blended, each level of their opacity."""
+    made = []
+    for kind in reversed(DRAWN_KINDS):
+        style: LineStyle | None = getattr(lines, kind)
+        if style is None:
+            continue
+        for opacity, level in opacity_levels(found.chosen(found.kinds == KINDS.index(kind)), style.opacity):
+            made.append(Strokes(style.model_copy(update={"opacity": opacity}), *triangles_of(level, style.width, NEAREST)))
+    return made
 
 
 def stroke_view(frame: FrameState) -> StrokeView:
@@ -66,8 +86,8 @@ def pull_of(frame: FrameState, lines: Lines) -> tuple[float, float, float]:
     if lines.pull.by == "offset":
         return 0.0, 0.0, 0.0
     if view.orthographic:  # there is no distance from the eye: a share of the mesh's radius instead
-        return 0.0, amount / (view.far - view.near), 0.0
-    return (0.0, 0.0, amount) if lines.pull.by == "fixed" else (amount / (1.0 - amount), 0.0, 0.0)
+        return 0.0, amount / view.depth_unit / (view.far - view.near), 0.0
+    return (0.0, 0.0, amount / view.depth_unit) if lines.pull.by == "fixed" else (amount / (1.0 - amount), 0.0, 0.0)
 
 
 DEFAULT_PULL = {"fixed": 0.05, "z": 0.02, "offset": 6.0}
@@ -96,7 +116,7 @@ def _edge_pen(frame: FrameState, lines: Lines, style: LineStyle) -> Pen:
 
 def _fat_pen(frame: FrameState, lines: Lines, style: LineStyle, least_gain: float) -> Pen:
     width = style.width * (_distance_factor(frame) if lines.declutter else 1.0)
-    farther = 0.0 if least_gain < 0.0 else FOLD_RADII * (1.0 + width)
+    farther = 0.0 if least_gain < 0.0 else FOLD_PX
     share, shift = pixel_depth(frame.view)
     return Pen(width, _reference(frame, lines), -farther * share, -farther * shift, 0.0, _steps(width), least_gain, 0.0)
 
@@ -107,8 +127,8 @@ def _distance_factor(frame: FrameState) -> float:
     half = 0.5 * min(view.width, view.height)
     if view.orthographic:
         return min(1.0, view.pixel_scale / half)
-    fitting = FIT_MARGIN * math.hypot(1.0, view.pixel_scale / half)
-    return min(1.0, fitting / max(reference_depth(view), 1e-300))
+    fitting = FIT_MARGIN * math.hypot(1.0, view.depth_pixels / half)
+    return min(1.0, fitting / max(float(view.matrix[3, 3]), view.near) / view.depth_unit)
 
 
 def _reference(frame: FrameState, lines: Lines) -> float:
@@ -136,5 +156,8 @@ def _feature_strokes(frame: FrameState, view: StrokeView, lines: Lines) -> list[
 def _strokes(frame: FrameState, view: StrokeView, pen: Pen, ends: I4, style: LineStyle, fattened: bool) -> Strokes:
     corners, ends = corners_of(fattened, pen.steps), np.require(ends, requirements=["C", "W"])
     vertices, indices = np.empty((len(ends) * corners, 3), np.float32), np.empty(len(ends) * 3 * (corners - 2), np.int32)
-    count = make_strokes(view, pen, frame.asset.positions, ends, fattened, vertices, indices)
+    turns = np.empty((len(ends) if fattened else 0, 2))
+    if fattened:
+        turns_at_ends(view.matrix, view.nearest, view.flip, frame.asset.positions, ends, turns)
+    count = make_strokes(view, pen, frame.asset.positions, ends, turns, vertices, indices)
     return Strokes(style, vertices[: count * corners], indices[: count * 3 * (corners - 2)])

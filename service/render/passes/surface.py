@@ -5,7 +5,9 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
+from schemas.conventions import F8
 from schemas.render import Antialias, Fill, ShadingMode
+from service.camera import View
 from service.render.gpu_cache import Surface
 from service.render.passes.light import light_of
 from service.render.state import LINEAR_TABLE, FrameState, parse_color
@@ -24,12 +26,13 @@ COLORLESS = (ShadingMode.NORMAL, ShadingMode.MASK, ShadingMode.DEPTH)
 
 
 def draw_surface(frame: FrameState) -> None:
-    """Draw the surface with depth test into colour; alpha too, unless it holds an outline already."""
+    """Draw the surface with depth test into colour; alpha too, unless it holds an outline already. One without a fill leaves nothing of
+    what is behind it."""
     gpu, plan = frame.gpu, frame.plan
     surface = surface_of(frame)
     shown = frame.request.shading.fill is not Fill.NONE
-    program = shaded_program(frame, surface, "surface") if shown else _depth_program(frame)
-    frame.use_target(color=shown, alpha=shown and plan.antialias is not Antialias.LINE, depth=True)
+    program = shaded_program(frame, surface, "surface") if shown else _empty_program(frame)
+    frame.use_target(color=True, alpha=plan.antialias is not Antialias.LINE, depth=True)
     if "stencil" in plan.passes and plan.antialias is Antialias.NONE:
         gpu.gl.keep_positive_windings()
     else:
@@ -37,6 +40,11 @@ def draw_surface(frame: FrameState) -> None:
     gpu.ctx.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if plan.closed else moderngl.NOTHING))
     gpu.ctx.front_face = frame.front_face
     gpu.gl.draw(surface.array(gpu.ctx, program))
+
+
+def _nearness(view: View) -> F8:
+    """(4,) f8, as `View.nearness`."""
+    return np.append(view.view[2, :3], 0.0) if view.nearness is None else view.nearness
 
 
 def surface_of(frame: FrameState) -> Surface:
@@ -51,9 +59,9 @@ def _charcoal(frame: FrameState) -> bool:
     return frame.plan.lines is not None and frame.plan.lines.charcoal
 
 
-def _depth_program(frame: FrameState) -> moderngl.Program:
-    program = frame.gpu.programs.get("loops", "opaque")
-    frame.gpu.programs.set(program, **frame.placement())
+def _empty_program(frame: FrameState) -> moderngl.Program:
+    program = frame.gpu.programs.get("loops", "line")
+    frame.gpu.programs.set(program, **frame.placement(), color=(0.0, 0.0, 0.0, 0.0))
     return program
 
 
@@ -75,6 +83,8 @@ def shaded_program(frame: FrameState, surface: Surface, vertex: str) -> moderngl
         light=light_of(frame),
         ambient=shading.ambient,
         eye=tuple(frame.view.eye.tolist()),
+        turn=-1.0 if frame.view.mirrored else 1.0,
+        nearness=tuple(_nearness(frame.view).tolist()),
         camera_axes=np.ascontiguousarray(frame.view.view[:3, :3].T, np.float32).tobytes(),
         **placed,
         **{name: unit for unit, name in enumerate(surface.textures)},

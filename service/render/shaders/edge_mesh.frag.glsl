@@ -5,6 +5,7 @@
 // MULTISAMPLED: depth has SAMPLES samples.
 uniform vec4 colors[4];  // of each kind: as the target has them, and opacity
 uniform vec2 size;
+uniform float farther;   // sign by which depth grows with the distance
 #ifdef MULTISAMPLED
 uniform sampler2DMS depth;
 #else
@@ -17,11 +18,11 @@ out vec4 fragment;
 
 float farthest_at(ivec2 at) {
 #ifdef MULTISAMPLED
-    float far = 0.0;
-    for (int i = 0; i < SAMPLES; i++) far = max(far, texelFetch(depth, at, i).r);
+    float far = -1.0;
+    for (int i = 0; i < SAMPLES; i++) far = max(far, farther * texelFetch(depth, at, i).r);
     return far;
 #else
-    return texelFetch(depth, at, 0).r;
+    return farther * texelFetch(depth, at, 0).r;
 #endif
 }
 

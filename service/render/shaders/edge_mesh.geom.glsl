@@ -10,12 +10,15 @@ layout(triangle_strip, max_vertices = 4) out;
 //! include edge_mesh_positions.part.glsl
 //! include placed.part.glsl
 uniform vec2 size;          // target pixels
+uniform vec2 depths;        // where lines of the first kind are before others, and how far those of the next one are behind them
 uniform vec2 reach;         // how far beyond the target lines are not cut off, 1 at its border
 uniform vec4 half_widths;   // of each kind, target pixels; 0 where it is not drawn
 uniform float least_half_width;
 uniform float width_at;     // clip w where those widths are meant; 0 where they are the same everywhere
 uniform float widest;       // times the width that is meant
 uniform float least_w;      // nearer parts of an edge are cut off
+uniform vec2 range;         // from window depth to the clip coordinate: scale, shift
+uniform float farther;      // sign by which window depth grows with the distance
 uniform float pixel_depth;  // what the size of a pixel is in window depth,
 uniform float pixel_depth_at;  // where clip w is this
 
@@ -23,7 +26,7 @@ flat in ivec4 edge[];
 flat in int kind[];
 flat in int concave[];
 flat out vec4 ends;   // target pixels: x, y of a; x, y of b
-flat out vec4 shape;  // half widths at a and b, window depths of a and b
+flat out vec4 shape;  // half widths at a and b, window depths of a and b, growing with the distance
 flat out vec2 style;  // depth by which a surface before the edge does not hide it; kind
 
 // Depth of a surface before an edge that does not hide it, pixels: where a pixel's centre is not on the edge, the surface
@@ -31,8 +34,8 @@ flat out vec2 style;  // depth by which a surface before the edge does not hide 
 const float NOT_HIDING = 1.0, NOT_HIDING_CONCAVE = 5.0;
 
 vec3 in_window(vec4 clip) {
-    vec3 p = clip.xyz / clip.w * 0.5 + 0.5;
-    return vec3(p.xy * size, p.z);
+    vec3 p = clip.xyz / clip.w;
+    return vec3((p.xy * 0.5 + 0.5) * size, farther * clamp((p.z - range.y) / range.x, 0.0, 1.0));
 }
 
 // what of a -> b has a w of least_w and is not beyond one side of the target; empty where x > y
@@ -51,7 +54,7 @@ vec2 part_in_view(vec4 a, vec4 b) {
 
 void put(vec2 corner, int line) {
     // each kind is before the next one, so that of two lines the more important one is seen
-    gl_Position = vec4(corner / size * 2.0 - 1.0, 0.25 * float(line) - 0.5, 1.0);
+    gl_Position = vec4(corner / size * 2.0 - 1.0, depths.x + depths.y * float(line), 1.0);
     EmitVertex();
 }
 
@@ -67,7 +70,7 @@ void main() {
     vec2 half_width = vec2(half_widths[line]);
     if (width_at > 0.0) half_width = max(half_width * min(width_at / vec2(first.w, last.w), widest), least_half_width);
     ends = vec4(p.xy, q.xy);
-    shape = vec4(half_width, clamp(vec2(p.z, q.z), 0.0, 1.0));
+    shape = vec4(half_width, p.z, q.z);
     float pixel = pixel_depth * pixel_depth_at / min(first.w, last.w);
     style = vec2(pixel * (concave[0] != 0 ? NOT_HIDING_CONCAVE : NOT_HIDING), float(line));
     vec2 forward = q.xy - p.xy;

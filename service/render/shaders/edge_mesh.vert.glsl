@@ -66,7 +66,7 @@ int kind_of() {
     vec3 n = cross(along, left);
     concave = int(dot(n, right) > CERTAIN * length(n) * length(right));
 #ifdef BACKS_HIDDEN
-    if (folds && concave != 0) return NONE;  // its faces hide it: the nearer of them is a back face
+    if (folds) concave = 0;  // the nearer of its faces is a back face, which is not drawn: it bounds what is seen or is hidden
 #endif
     if (folds && half_widths[SILHOUETTE] > 0.0) return SILHOUETTE;
 #ifdef CREASES

@@ -15,8 +15,14 @@ in vec3 to_eye;
 #if defined(SHOW_FACES) || defined(SHOW_DEPTH)
 in vec3 place;  // normalised units: the mesh is within 1 of the origin
 #endif
-#if defined(SHOW_DEPTH) || defined(SHOW_MATCAP)
-uniform mat3 camera_axes;  // takes directions of the object to right, up and backward
+#ifdef SHOW_FACES
+uniform float turn;  // -1 where the placement mirrors, else 1
+#endif
+#ifdef SHOW_DEPTH
+uniform vec4 nearness;  // of a place, from 1 to -1 over all that is drawn
+#endif
+#ifdef SHOW_MATCAP
+uniform mat3 camera_axes;  // takes directions, along the axes that normals have in the end, to right, up and backward
 #endif
 #ifdef NORMAL
 in vec3 normal;
@@ -70,9 +76,13 @@ vec3 base() {
 }
 
 #ifdef SHOW_FACES
+// on the side that is seen: rows run downwards in the target
 vec3 face_normal() {
-    vec3 n = cross(dFdx(place), dFdy(place));
-    n *= dot(n, surface_normal()) < 0.0 ? -1.0 : 1.0;
+    vec3 n = turn * cross(dFdy(place), dFdx(place));
+    n *= inversesqrt(max(dot(n, n), 1e-30));
+#ifdef NORMAL_MATRIX
+    n = normal_matrix * n;
+#endif
     return n * inversesqrt(max(dot(n, n), 1e-30));
 }
 #endif
@@ -90,7 +100,12 @@ void main() {
 #if defined(SHOW_NORMAL)
     fragment = vec4(surface_normal() * 0.5 + 0.5, 1.0);
 #elif defined(SHOW_CHARCOAL)
-    fragment = vec4(vec3((1.0 + dot(normalize(to_eye), surface_normal())) / 3.0), 1.0);
+#ifdef NORMAL_MATRIX
+    vec3 v = normalize(normal_matrix * to_eye);  // lines are drawn of no mesh that is stretched: this turns, and mirrors
+#else
+    vec3 v = normalize(to_eye);
+#endif
+    fragment = vec4(vec3((1.0 + dot(v, surface_normal())) / 3.0), 1.0);
 #elif defined(SHOW_GOOCH)
     float warmth = 0.5 + 0.5 * dot(surface_normal(), light);
     vec3 tone = srgb_from_linear(base());  // Gooch's blue and yellow are of displayed colours
@@ -98,7 +113,7 @@ void main() {
 #elif defined(SHOW_FACES)
     fragment = vec4(srgb_from_linear(base() * mix(max(dot(face_normal(), light), 0.0), 1.0, ambient)), 1.0);
 #elif defined(SHOW_DEPTH)
-    fragment = vec4(vec3(clamp(0.5 + 0.45 * (camera_axes * place).z, 0.0, 1.0)), 1.0);
+    fragment = vec4(vec3(clamp(0.5 + 0.45 * (dot(nearness.xyz, place) + nearness.w), 0.0, 1.0)), 1.0);
 #elif defined(SHOW_MATCAP)
     fragment = vec4(srgb_from_linear(min(clay(camera_axes * surface_normal(), base()), vec3(1.0))), 1.0);
 #elif defined(SHOW_PLAIN)

@@ -227,9 +227,9 @@ def slow_kinds(positions, edges, eye, backs_hidden):
     border, folds = q == a, left != right
     kinds = np.select([border, folds, edges.angles > 25.0, edges.angles < -15.0], [1, 0, 2, 3], -1)
     if backs_hidden:
-        kinds[~border & ((~left & ~right) | (folds & (edges.angles < 0.0)))] = -1
+        kinds[~border & ~left & ~right] = -1
     p = positions.astype(np.float64)
-    doubtful = backs_hidden & folds & (np.abs(edges.angles) < 1e-3)
+    doubtful = np.zeros(len(edges.vertices), bool)
     for x, y, z in ((a, b, o), (b, a, q)):
         u, v, to_eye = p[y] - p[x], p[z] - p[x], eye[:3] - eye[3] * p[x]
         height = np.abs(np.einsum("ij,ij->i", np.cross(u, v), to_eye))

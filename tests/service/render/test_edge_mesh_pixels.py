@@ -72,6 +72,24 @@ def test_silhouette_pixels_are_those_of_the_exact_silhouette(draw_lines, name, v
     assert missed.mean() <= 0.005
 
 
+@pytest.mark.parametrize("view", ["orbit", "close", "orthographic"])
+def test_concave_folds_are_drawn_where_a_surface_crosses_itself(draw_lines, view):
+    """A prism over a quadrilateral that crosses itself: one half is inside out, and its outline is of edges that are concave."""
+    profile = np.array([[-1.0, -1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0]])
+    vertices = np.concatenate([np.column_stack([profile, np.full(4, z)]) for z in (-1.0, 1.0)])
+    sides = [[[i, j, j + 4], [i, j + 4, i + 4]] for i, j in ((k, (k + 1) % 4) for k in range(4))]
+    caps = np.array([[0, 1, 2], [0, 2, 3]])
+    asset = asset_of((vertices, np.concatenate([caps[:, ::-1], caps + 4, np.array(sides).reshape(-1, 3)]).astype(np.int32)), "hourglass")
+    lined = draw_lines(asset, SILHOUETTE, camera=VIEWS[view])
+    edges = find_edges(asset.positions, asset.faces, asset.edges)
+    points, pixels, ends = silhouette_points(asset, lined.view)
+    concave = {frozenset(e) for e in edges.vertices[edges.angles < 0.0, 1:3].tolist()}
+    folded = np.array([frozenset(e) in concave for e in ends.tolist()]) & ~hidden(lined.view, asset.positions, asset.faces, points)
+    assert folded.sum() > 30
+    to_ink = distance_transform_edt(~inked(lined.pixels))
+    assert (to_ink[tuple(np.floor(pixels[folded]).astype(int).T[::-1])] <= 1.0).mean() >= 0.995
+
+
 @pytest.mark.parametrize("kind", ["ridge", "valley"])
 @pytest.mark.parametrize(("name", "view"), [("blocks", "orbit"), ("blocks", "close"), ("bumpy", "orbit"), ("bumpy", "orthographic")])
 def test_creases_are_drawn_where_they_are_seen_and_nowhere_else(draw_lines, name, view, kind):

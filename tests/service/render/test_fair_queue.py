@@ -82,3 +82,13 @@ def test_nothing_is_lost_twice_given_or_beyond_the_depth(depth, steps):
             inside.remove(dropped)
         assert len(queue) == len(inside) <= depth
     assert Counter(queue.close()) == Counter(inside)
+
+
+def test_promised_items_have_a_place_do_not_count_and_never_give_way():
+    queue = filled(2, ("a", 1))
+    assert queue.put("a", ("a", 2), promised=True) is None
+    assert queue.put("a", ("a", 3)) is None
+    assert len(queue) == 2
+    assert queue.put("b", ("b", 1)) == ("a", 3)
+    assert queue.put("a", ("a", 4), promised=True) is None
+    assert [queue.take() for _ in range(4)] == [("a", 1), ("b", 1), ("a", 2), ("a", 4)]

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from benchmarks.line_pixels import compared, inked_pixels, visible_points
+from schemas.lines import LineMethod
 from schemas.render import RenderRequest
 from service.camera import resolve_camera
 from service.render import frame as frames
@@ -12,6 +14,7 @@ from service.render.passes import first_layer
 from tests import meshes
 from tests.service.render.conftest import VIEWS
 from tests.service.render.line_oracles import sampled, silhouette_points, within
+from tests.service.render.lined import asset_of
 from tests.service.render.made import bare, unclippable, without_hull
 
 FILLS = ("shaded", "white", "none")
@@ -73,7 +76,7 @@ def test_pulled_faces_show_along_the_silhouette(picture, view, pull):
     assert (cKDTree(pixels[seen]).query(line_pixels(image))[0] <= 16.0).mean() >= 0.995
 
 
-@pytest.mark.parametrize("width", [1.5, 4.0, 8.0])
+@pytest.mark.parametrize("width", [1.5, 4.0, 8.0, 12.0, 20.0])
 @pytest.mark.parametrize("view", ["orbit", "close", "orthographic"])
 def test_fattened_lines_are_as_wide_as_was_asked(picture, view, width):
     for name in ("sphere", "torus"):
@@ -190,6 +193,18 @@ def test_edges_of_an_open_mesh_are_lines_and_its_visible_inside_is_none(picture)
     assert not alpha[118:138, 118:138].any()
     without = picture(asset, camera={"eye": [0, 0, 3]}, silhouette=None, boundary=None)
     assert not without.pixels.any()
+
+
+@pytest.mark.parametrize("method", [LineMethod.WIREFRAME, LineMethod.FATTENED])
+def test_folds_of_an_open_mesh_are_lines_where_both_of_their_faces_are_seen(gpu, method):
+    """Through its opening a surface shows its inside: there both sides of a fold belong to the nearest layer."""
+    vertices, faces = meshes.torus()
+    half = faces[vertices[faces][:, :, 2].mean(axis=1) < 0.1 * vertices[:, 2].max()]
+    used, numbers = np.unique(half, return_inverse=True)
+    asset = asset_of((vertices[used], numbers.reshape(-1, 3)), "half torus")
+    for view in range(8):
+        inked, points = inked_pixels(gpu, asset, method, view, 8, 384), visible_points(asset, view, 8, 384)
+        assert min(compared(inked, points)) > 99.9
 
 
 def test_ridges_and_valleys_are_told_apart(picture):

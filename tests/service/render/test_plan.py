@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.render import Accuracy, Antialias, RenderRequest, Shading, ShadingMode, Source
+from service.moving import Moving
 from service.render.frame import FRAME, tiles_of
 from service.render.plan import plan_frame
 from service.rungs import SILHOUETTE, SURFACE
@@ -101,8 +102,11 @@ def test_every_pass_is_in_some_plan_and_every_plan_in_the_frame():
         for s in ("auto", "original")
         for name in plan(mode=mode, antialias=a, source=s).passes
     }
-    drawn = {"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}
-    assert used | plan(smooth=True).passes | plan(lines=drawn).passes | plan(lines={}).passes == set(names)
+    lined = ({"method": "fattened", "charcoal": True, "orientation": "any", "ridge": {}}, {"method": "strokes"}, {})
+    asset = clippable("sphere")
+    moved = Moving(asset).at(asset.frame.to_model(asset.positions))
+    drawn = [plan(lines=lines).passes for lines in lined]
+    assert used.union(plan(smooth=True).passes, plan(moved).passes, *drawn) == set(names)
 
 
 def test_clipping_can_be_insisted_on():

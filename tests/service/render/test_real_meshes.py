@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import pytest
 
+from benchmarks import line_pixels
 from benchmarks.frame import alpha, outline_error, prepare, request
+from schemas.lines import LineMethod
 from schemas.mesh import PreprocessOptions
 from schemas.render import Antialias, Source
 from tests.meshes import shared
@@ -28,3 +30,13 @@ def test_clipped_pixels_are_those_of_the_original(gpu, name):
         assert original.any()
         differing += int((clipped != original).sum())
     assert differing <= 3
+
+
+@pytest.mark.parametrize("name", ["fandisk.ply", "rocker_arm.ply", "bunny_closed.ply"])
+def test_lines_of_every_method_are_the_exact_visible_silhouette(gpu, name):
+    """Translated faces are as wide as they are: of them more is explained by less, and what they leave out is less than a percent."""
+    found = line_pixels.measure(gpu, str(shared(name)), views=4, side=512)
+    for method in LineMethod:
+        least = line_pixels.BAR - (0.5 if method is LineMethod.TRANSLATED else 0.0)
+        assert found[method.value]["explained"] >= line_pixels.BAR, method
+        assert found[method.value]["found"] >= least, method

@@ -40,6 +40,15 @@ def test_flat_faces_have_one_colour_each(gpu):
     assert colours <= 80 < of_smooth
 
 
+def test_flat_faces_are_lit_by_themselves_whatever_the_normals_at_their_corners(gpu):
+    asset = asset_of(meshes.blocks((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)), "flat blocks")
+    request = RenderRequest(width=96, height=96, shading={"mode": "flat"}, accuracy={"source": "original", "antialias": "none"})
+    picture = render_frame(gpu, asset, request).pixels
+    shown, counts = np.unique(picture[picture[:, :, 3] == 255], axis=0, return_counts=True)
+    assert len(shown[counts > 2]) == 3
+    assert counts.max() < 0.8 * counts.sum()
+
+
 def test_depth_is_lighter_the_nearer(gpu, ball):
     picture = drawn(gpu, ball, "depth")
     middle, rim = picture[48, 48, 0], picture[48, [10, 85], 0]

@@ -59,7 +59,7 @@ def test_views_of_one_common_frame_share_their_depths(camera):
     around = sphere_around(placements)
     base = resolve_camera(camera, around, *SIZE)
     for asset, placement in zip(assets, placements, strict=True):
-        view = view_of(placement, base, around)
+        view = view_of(placement, base, around, around)
         scene = placement.points(asset.positions, around)
         assert np.allclose(project(view, asset.positions), project(base, scene), rtol=1e-12, atol=1e-12)
         assert np.all(np.linalg.norm(scene, axis=1) <= 1.0 + 1e-6)
@@ -84,6 +84,25 @@ def test_the_eye_in_the_meshs_frame_sees_each_face_from_the_side_the_scene_sees(
     )
     sure = np.abs(own) > 1e-9 * np.abs(own).max()
     assert np.array_equal(np.sign(own[sure]), np.sign(scene[sure]))
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_views_of_a_scene_know_its_middle_and_how_near_points_are_in_it(camera):
+    """Whether they are of one common frame or each of the mesh's own; units of depth are what they are said to be."""
+    assets = [clippable("torus"), clippable("bumpy")]
+    placements = [place(assets[0], SHEARED, ""), place(assets[1], np.diag([1.0, -1.0, 0.5, 1.0]), "")]
+    around = sphere_around(placements)
+    base = resolve_camera(camera, around, *SIZE)
+    for asset, placement in zip(assets, placements, strict=True):
+        points = placement.points(asset.positions, around)
+        for view in (view_of(placement, base, around, around), own_view(asset, placement, camera, SIZE, around)):
+            near = asset.positions @ view.nearness[:3] + view.nearness[3]
+            assert np.allclose(near, points @ base.view[2, :3], atol=1e-9)
+            assert np.abs(near).max() <= 1.0 + 1e-6
+            unit = placement.frame.scale / around.scale * view.depth_unit  # in radii of the scene
+            assert view.middle_depth == pytest.approx(1.0 if view.orthographic else base.matrix[3, 3] / unit, rel=1e-9)
+            pixels = base.depth_pixels * (unit if view.orthographic else 1.0)
+            assert view.depth_pixels == pytest.approx(pixels, rel=1e-9)
 
 
 def test_sphere_around_one_is_its_own_and_around_several_holds_them():
