@@ -28,7 +28,8 @@ class RivalHull(NamedTuple):
     seconds: float
 
 
-def _package(name: str, wheel: str) -> Any:
+def package(name: str, wheel: str) -> Any:
+    """A module of an optional package. Raises AbsentRivalError."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -37,7 +38,7 @@ def _package(name: str, wheel: str) -> Any:
 
 def igl_hull(positions: F4, faces: I4, max_faces: int) -> RivalHull:
     """libigl's progressive hulls: section 3 of the paper as it stands."""
-    igl = _package("igl.copyleft", "libigl")
+    igl = package("igl.copyleft", "libigl")
     vertices, triangles = np.asfortranarray(positions, np.float64), np.asfortranarray(faces, np.int32)
     start = time.perf_counter()
     made, triangles, _ = igl.progressive_hulls(vertices, triangles, max_faces)
@@ -46,7 +47,7 @@ def igl_hull(positions: F4, faces: I4, max_faces: int) -> RivalHull:
 
 def nested_cage(positions: F4, faces: I4, max_faces: int, energy: str = "Volume") -> RivalHull:
     """Nested Cages (Sacht, Vouga, Jacobson 2015), quadrature order 1; energy: what re-inflating minimises, "None" is fast."""
-    cages = _package("nested_cages", "nested-cages")
+    cages = package("nested_cages", "nested-cages")
     vertices, triangles = np.asfortranarray(positions, np.float64), np.asfortranarray(faces, np.int32)
     start = time.perf_counter()
     ((made, triangles),) = cages.nested_cages(vertices, triangles, [max_faces], 1, energy, "None")
@@ -55,8 +56,8 @@ def nested_cage(positions: F4, faces: I4, max_faces: int, energy: str = "Volume"
 
 def simplified(positions: F4, faces: I4, max_faces: int) -> tuple[F4, I4]:
     """Quadric simplification with no regard to enclosure."""
-    package = _package("fast_simplification", "fast-simplification")
-    made, triangles = package.simplify(positions, faces, target_count=max_faces)
+    simplification = package("fast_simplification", "fast-simplification")
+    made, triangles = simplification.simplify(positions, faces, target_count=max_faces)
     return np.ascontiguousarray(made, np.float32), np.ascontiguousarray(triangles, np.int32)
 
 
@@ -78,10 +79,10 @@ def numpy_extractor(positions: F4, faces: I4, edge_vertices: I4, edge_faces: I4)
 
 def vtk_extractor(positions: F4, faces: I4) -> Callable[[F8], int]:
     """VTK's vtkPolyDataSilhouette for a perspective eye; the call returns how many edges it found."""
-    hybrid = _package("vtkmodules.vtkFiltersHybrid", "vtk")
-    model = _package("vtkmodules.vtkCommonDataModel", "vtk")
-    core = _package("vtkmodules.vtkCommonCore", "vtk")
-    support = _package("vtkmodules.util.numpy_support", "vtk")
+    hybrid = package("vtkmodules.vtkFiltersHybrid", "vtk")
+    model = package("vtkmodules.vtkCommonDataModel", "vtk")
+    core = package("vtkmodules.vtkCommonCore", "vtk")
+    support = package("vtkmodules.util.numpy_support", "vtk")
     points, cells, mesh = core.vtkPoints(), model.vtkCellArray(), model.vtkPolyData()
     points.SetData(support.numpy_to_vtk(positions, deep=True))
     cells.SetData(3, support.numpy_to_vtk(np.ascontiguousarray(faces, np.int64).ravel(), deep=True, array_type=core.VTK_ID_TYPE))

@@ -30,6 +30,7 @@ from service.body_limit import BodyLimit
 from service.forms import is_form
 from service.head import HeadAsGet
 from service.meshes import Meshes
+from service.picture_cache import PictureCache
 from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
 from service.routes import access, accuracy, artifacts, docs, frames, health, meshes, moved, page, render, scenes, silhouette
@@ -125,7 +126,8 @@ def counts_itself(scope: Scope) -> bool:
 
 def _open(settings: ServiceSettings) -> Services:
     queue = JobQueue.open(settings)
-    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib, true_times=True), None
+    limit_s = settings.render_timeout_s
+    renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib, true_times=True, limit_s=limit_s), None
     try:
         renderer.start()
     except EglUnavailableError as error:  # uploads, silhouettes and downloads work without; /readyz says what is missing
@@ -139,6 +141,7 @@ def _open(settings: ServiceSettings) -> Services:
         meshes=Meshes(queue.store, queue.progress, measure=settings.measure),
         assets=AssetCache(queue.store, settings.asset_cache_mib),
         renderer=renderer,
+        pictures=PictureCache(settings.picture_cache_mib * 2**20),
         cpu=Slots(max(2, os.cpu_count() or 1), CPU_DEPTH, "cpu"),
         access=open_access(settings, queue.store),
         renderer_fault=fault,

@@ -19,6 +19,7 @@ from schemas.render import ImageFormat
 from schemas.sequence import MOST_FRAMES, MOST_PIXELS, USUAL_FRAMES, SequenceFormat, SequenceRequest
 from service.assets import MeshAsset
 from service.moving import FIELD, Moving
+from service.owners import owner_of
 from service.render.encode import encode
 from service.render.renderer import RenderedImage
 from service.state import Services
@@ -104,7 +105,7 @@ class Drawing:
             await self._draw(moving, ENCODINGS[form])
         finally:
             if moving is not None:
-                self._parts.renderer.forget(moving.id)
+                self._parts.renderer.forget(moving.id, owner_of(self._request))
         return self._drawn
 
     async def _draw(self, moving: Moving | None, encoding: ImageFormat) -> None:
@@ -132,7 +133,8 @@ class Drawing:
     async def _image(self, asset: MeshAsset, number: int) -> RenderedImage:
         """A frame. That the renderer has no room is an answer to the first one only."""
         submit = self._parts.renderer.submit_further if number else self._parts.renderer.submit
-        return await wait_for(self._request, submit(asset, self._wanted.picture(number, self._count)), self._limit_s)
+        drawing = submit(asset, self._wanted.picture(number, self._count), owner_of(self._request))
+        return await wait_for(self._request, drawing, self._limit_s)
 
     async def _take(self, encoded: deque[Future[tuple[bytes, float]]]) -> None:
         picture, ms = await wait_for(self._request, encoded.popleft(), self._limit_s)

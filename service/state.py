@@ -12,6 +12,7 @@ from backend.store import Store
 from service.access.policy import Access
 from service.assets import AssetCache
 from service.meshes import Meshes
+from service.picture_cache import PictureCache
 from service.render.renderer import Renderer
 from service.settings import ServiceSettings
 from service.slots import Slots
@@ -33,6 +34,7 @@ class Services:
     meshes: Meshes
     assets: AssetCache
     renderer: Renderer
+    pictures: PictureCache
     cpu: Slots
     access: Access
     renderer_fault: str | None

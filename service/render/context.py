@@ -51,11 +51,13 @@ _DEPTH32F, _DEPTH32F_STENCIL8, _DEPTH_ATTACHMENT = 0x8CAC, 0x8CAD, 0x8D00
 _NOT_EQUAL, _REPLACE = 0x0205, 0x1E01
 _LOWER_LEFT, _ZERO_TO_ONE, _NEGATIVE_ONE_TO_ONE = 0x8CA1, 0x935F, 0x935E
 _COLOR, _DEPTH = 0x1800, 0x1801
+_VERSION = 0x1F02
 CLIP_CONTROL = "GL_ARB_clip_control"
 
 _U, _I = ctypes.c_uint, ctypes.c_int
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "glFlush": (None,),
+    "glGetString": (ctypes.c_char_p, _U),
     "glFinish": (None,),
     "glUseProgram": (None, _U),
     "glBindVertexArray": (None, _U),
@@ -106,6 +108,10 @@ NO_WORK = GlWork()
 
 class EglUnavailableError(RuntimeError):
     """This machine cannot draw: EGL or GL is missing or refuses a context. The message says what to install."""
+
+
+class GlFaultError(RuntimeError):
+    """The GL reported an error, has no memory left, or has lost its context: what it drew is not to be trusted."""
 
 
 class GlContext:
@@ -207,10 +213,12 @@ class GlContext:
         self.ctx.release()
 
     def check(self) -> None:
-        """Raise RuntimeError when GL has recorded an error, so that no broken picture is handed out as done."""
+        """Raise GlFaultError when GL has recorded an error or is gone, so that no broken picture is handed out as done."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":
-            raise RuntimeError(f"the GL reported {error}")
+            raise GlFaultError(f"the GL reported {error}")
+        if self._gl["glGetString"](_VERSION) is None:  # what is asked of no context answers nothing, and records no error
+            raise GlFaultError("the GL context is lost")
 
     def flush(self) -> None:
         """Let the GL begin with what it was given, without waiting for it."""
@@ -283,7 +291,7 @@ class GlContext:
         status = self._gl["glCheckFramebufferStatus"](_FRAMEBUFFER)
         if status != _FRAMEBUFFER_COMPLETE:
             undo()
-            raise RuntimeError(f"a framebuffer of {size[0]} x {size[1]} with {samples} samples is not complete (0x{status:x})")
+            raise GlFaultError(f"a framebuffer of {size[0]} x {size[1]} with {samples} samples is not complete (0x{status:x})")
 
     def blend_in_linear_light(self, on: bool) -> None:
         """Whether shaders give linear light to sRGB targets, and blending works on it; otherwise both are of sRGB bytes."""

@@ -109,7 +109,8 @@ class Timed:
         self.ms: dict[str, float] = {}
 
     def run(self, name: str, make: Make, frame: FrameState, *, draws: bool = False) -> None:
-        """Make one pass."""
+        """Make one pass. Raises StoppedError instead when nobody waits for it any more."""
+        self._gpu.stop.check()
         start = time.perf_counter()
         if self._asks and draws:
             with self._gpu.gl.timed() as query:
@@ -171,7 +172,7 @@ class RenderedImage:
 def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, true_times: bool = False) -> RenderedImage:
     """Draw one picture. true_times: of each pass (`Timed`); without GL timers that waits after each, and a frame takes a little longer.
 
-    Raises CapabilityError and InvalidRequestError; RuntimeError when the GL reports an error.
+    Raises CapabilityError and InvalidRequestError; GlFaultError when the GL reports an error; StoppedError when `gpu.stop` says so.
     """
     view = resolve_camera(request.camera, asset.frame, request.width, request.height, asset.radius)
     return render_view(gpu, asset, request, view, true_times=true_times)

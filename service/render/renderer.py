@@ -1,37 +1,60 @@
-"""The one thread that draws: it makes and owns the process's GL context and takes frames from a bounded queue.
+"""The one thread that draws: it makes and owns the process's GL context and takes frames from a bounded, fair queue.
 
 After `start` the process must not fork: a child of a process with an EGL context hangs.
 """
 
 from __future__ import annotations
 
-import queue
+import logging
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
+
+import moderngl
 
 from schemas.errors import BusyError
 from schemas.render import RenderRequest
 from service.assets import MeshAsset
 from service.costs import CostModel
+from service.render.context import EglUnavailableError, GlFaultError
+from service.render.fair_queue import FairQueue, FullError
 from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
+from service.render.stopping import NEVER, Stop, StoppedError
 
 __all__ = ["RenderedImage", "Renderer"]
+
+log = logging.getLogger("silhouette.render")
 
 FIRST_GUESS_S = 0.05
 """A frame's duration, before any was measured."""
 LEAST_RETRY_S = 0.1
-
+TRIES = 2
+"""How often a frame is drawn whose GL fails, each time by a new context."""
+GL_FAULTS = (GlFaultError, moderngl.Error)
 
 Draw = Callable[[Gpu, bool], RenderedImage]
 """Makes a picture with the GL of the renderer's thread; told whether to wait for every pass."""
 
 
+class Drawing(Future[RenderedImage]):
+    """A picture to come. Cancelling it while it is drawn ends that at the next pass."""
+
+    def __init__(self, stop: Stop) -> None:
+        super().__init__()
+        self.stop = stop
+
+    def cancel(self) -> bool:
+        """As any future's: True when it had not begun."""
+        self.stop.ask()
+        return super().cancel()
+
+
 @dataclass(frozen=True)
 class _Job:
-    future: Future[RenderedImage]
+    future: Drawing
     draw: Draw
 
 
@@ -44,14 +67,16 @@ class Renderer:
     """Draws frames in a thread of its own, one after the other.
 
     queue_depth: frames that may wait. gpu_cache_mib: of meshes and maps kept in the GL. true_times: see `render_frame`.
+    limit_s: longest that a frame may take, its waiting included.
     """
 
-    def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, true_times: bool = False) -> None:
-        self._jobs: queue.SimpleQueue[_Job | _Forgotten | None] = queue.SimpleQueue()
-        self._depth, self._waiting = queue_depth, 0
+    def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, true_times: bool = False, limit_s: float = float("inf")) -> None:
+        self._jobs: FairQueue[_Job | _Forgotten] = FairQueue(queue_depth)
         self._cache_mib = gpu_cache_mib
         self._true_times = true_times
+        self._limit_s = limit_s
         self._thread: threading.Thread | None = None
+        self._gpu: Gpu | None = None
         self._open = False
         self._lock = threading.Lock()
         self._typical_s = FIRST_GUESS_S
@@ -72,47 +97,35 @@ class Renderer:
             raise BusyError("the renderer is not running")
         return self._costs
 
+    @property
+    def waiting(self) -> int:
+        """Frames that wait."""
+        return len(self._jobs)
+
     def close(self) -> None:
         """Finish the frame under way, cancel those that wait, give the context back."""
         with self._lock:
             if not self._open or self._thread is None:
                 return
             self._open = False
-        while True:
-            try:
-                job = self._jobs.get_nowait()
-            except queue.Empty:
-                break
+        for job in self._jobs.close():
             if isinstance(job, _Job):
                 job.future.cancel()
-        self._jobs.put(None)
         self._thread.join()
 
-    def submit(self, asset: MeshAsset, request: RenderRequest) -> Future[RenderedImage]:
-        """Queue a frame. Its future fails with what went wrong with it; cancelled before its turn it costs nothing.
+    def submit(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
+        """Queue a frame. Its future fails with what went wrong with it; cancelled before its turn it costs nothing, and while it is
+        drawn little more.
 
-        Raises BusyError when the queue is full or the renderer is closed.
+        owner: whom it is for; owners take turns. Raises BusyError when the queue is full or the renderer is closed.
         """
-        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times))
+        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), owner)
 
-    def submit_further(self, asset: MeshAsset, request: RenderRequest) -> Future[RenderedImage]:
-        """The same for a frame after one that was admitted and has been drawn: it waits for its turn behind however many wait."""
-        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), further=True)
+    def submit_further(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
+        """The same for a frame after one that was admitted and has been drawn: it waits for its turn however many others wait."""
+        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), owner, further=True)
 
-    def submit_drawing(self, draw: Draw, *, further: bool = False) -> Future[RenderedImage]:
-        """The same as `submit`, or `submit_further`, for a picture of several frames."""
-        job = _Job(Future(), draw)
-        with self._lock:
-            if not self._open:
-                raise BusyError("the renderer is not running")
-            if self._waiting >= self._depth and not further:
-                wait = max(LEAST_RETRY_S, self._typical_s * self._depth)
-                raise BusyError("too many pictures are waiting to be drawn", retry_after_s=wait)
-            self._waiting += 1
-            self._jobs.put(job)
-        return job.future
-
-    def submit_once(self, asset: MeshAsset, request: RenderRequest) -> Future[RenderedImage]:
+    def submit_once(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
         """The same as `submit` for an asset that is not drawn again: nothing of it stays in the GL."""
 
         def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
@@ -121,38 +134,87 @@ class Renderer:
             finally:
                 gpu.cache.drop(asset.id)
 
-        return self.submit_drawing(draw)
+        return self.submit_drawing(draw, owner)
 
-    def forget(self, asset_id: str) -> None:
-        """Delete what the GL holds of an asset, once the frames that wait now are drawn; always admitted."""
+    def submit_drawing(self, draw: Draw, owner: str = "", *, further: bool = False) -> Future[RenderedImage]:
+        """The same as `submit`, or `submit_further`, for a picture of several frames."""
+        job = _Job(Drawing(Stop(time.monotonic() + self._limit_s)), draw)
+        with self._lock:
+            if not self._open:
+                raise BusyError("the renderer is not running")
+            try:
+                dropped = self._jobs.put(owner, job, promised=further)
+            except FullError:
+                raise self._busy() from None
+        if isinstance(dropped, _Job) and dropped.future.set_running_or_notify_cancel():
+            dropped.future.set_exception(self._busy())
+        return job.future
+
+    def forget(self, asset_id: str, owner: str = "") -> None:
+        """Delete what the GL holds of an asset, once the frames of this owner that wait now are drawn; always admitted."""
         with self._lock:
             if self._open:
-                self._jobs.put(_Forgotten(asset_id))
+                self._jobs.put(owner, _Forgotten(asset_id), promised=True)
+
+    def _busy(self) -> BusyError:
+        wait = max(LEAST_RETRY_S, self._typical_s * self._jobs.depth)
+        return BusyError("too many pictures are waiting to be drawn", retry_after_s=wait)
 
     def _draw(self, ready: Future[None]) -> None:
         try:
-            gpu = Gpu(self._cache_mib)
+            self._gpu = Gpu(self._cache_mib)
         except Exception as error:
             ready.set_exception(error)
             return
-        self._costs = gpu.costs
+        self._costs = self._gpu.costs
         ready.set_result(None)
-        while (job := self._jobs.get()) is not None:
+        while (job := self._jobs.take()) is not None:
             if isinstance(job, _Forgotten):
-                gpu.cache.drop(job.asset_id)
-            else:
-                with self._lock:
-                    self._waiting -= 1
-                self._serve(gpu, job)
-        gpu.release()
+                if self._gpu is not None:
+                    self._gpu.cache.drop(job.asset_id)
+            elif job.future.set_running_or_notify_cancel():
+                self._serve(job)
+        self._give_back()
 
-    def _serve(self, gpu: Gpu, job: _Job) -> None:
-        if not job.future.set_running_or_notify_cancel():
-            return
+    def _serve(self, job: _Job) -> None:
         try:
-            image = job.draw(gpu, self._true_times)
+            image = self._drawn(job)
+        except StoppedError:
+            job.future.set_exception(BusyError("The service could not answer in time; try again in a moment."))
         except Exception as error:
             job.future.set_exception(error)
-            return
-        self._typical_s += 0.1 * (sum(ms for _, ms in image.passes) / 1e3 - self._typical_s)
-        job.future.set_result(image)
+        else:
+            self._typical_s += 0.1 * (sum(ms for _, ms in image.passes) / 1e3 - self._typical_s)
+            job.future.set_result(image)
+
+    def _drawn(self, job: _Job) -> RenderedImage:
+        """The picture, by a new GL context when the one there was fails. Raises BusyError when that fails, too."""
+        for _ in range(TRIES):
+            job.future.stop.check()
+            gpu = self._gpu or self._renewed()
+            gpu.stop = job.future.stop
+            try:
+                return job.draw(gpu, self._true_times)
+            except GL_FAULTS as error:
+                log.exception("the GL failed, and is begun anew", exc_info=error)
+                self._give_back()
+            finally:
+                gpu.stop = NEVER
+        raise BusyError("the GL failed, and failed again")
+
+    def _renewed(self) -> Gpu:
+        """A new context. Raises BusyError when there is none to be had."""
+        try:
+            self._gpu = Gpu(self._cache_mib, self._costs)
+        except (EglUnavailableError, *GL_FAULTS) as error:
+            raise BusyError("the GL is gone") from error
+        return self._gpu
+
+    def _give_back(self) -> None:
+        """Release the context, which may be broken."""
+        gpu, self._gpu = self._gpu, None
+        if gpu is not None:
+            try:
+                gpu.release()
+            except GL_FAULTS as error:
+                log.warning("a GL context was not released: %s", error)

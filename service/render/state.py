@@ -24,6 +24,7 @@ from service.render.gpu_cache import GpuCache
 from service.render.hull_cache import HullCache, PlacedHull
 from service.render.plan import Plan
 from service.render.programs import Programs
+from service.render.stopping import NEVER
 from service.render.targets import Target, Targets
 from service.scratch import ThreadScratch
 from service.silhouette.contours import Contours
@@ -98,9 +99,12 @@ class Stream:
 
 
 class Gpu:
-    """The GL and everything kept between frames, in it and in memory. Belongs to the thread that makes it."""
+    """The GL and everything kept between frames, in it and in memory. Belongs to the thread that makes it.
 
-    def __init__(self, cache_mib: int) -> None:
+    costs: of an earlier one on this device. stop: asked between passes whether to go on.
+    """
+
+    def __init__(self, cache_mib: int, costs: CostModel | None = None) -> None:
         self.gl = GlContext()
         self.ctx = self.gl.ctx
         self.programs = Programs(self.ctx)
@@ -108,7 +112,8 @@ class Gpu:
         self.cache = GpuCache(self.gl, cache_mib)
         self.hulls = HullCache(cache_mib)
         self.scratch = ThreadScratch()
-        self.costs = CostModel(str(self.ctx.info["GL_RENDERER"]), NOMINAL)
+        self.costs = costs or CostModel(str(self.ctx.info["GL_RENDERER"]), NOMINAL)
+        self.stop = NEVER
         self._screens: dict[moderngl.Program, moderngl.VertexArray] = {}
         self._streams: dict[moderngl.Program, Stream] = {}
         self._pixels = np.empty(0, np.uint8)

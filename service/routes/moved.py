@@ -28,6 +28,7 @@ from service.caching import NOT_KEPT
 from service.forms import REQUEST, Body, Spool, content_type_of, is_form, parsed, receive_form
 from service.moving import FIELD, Moving
 from service.negotiation import IMAGE_TYPES, choose, image_format, wants_json
+from service.owners import owner_of
 from service.positions import poses_in
 from service.render.encode import encode
 from service.render.explain import explain as explain_plan
@@ -85,7 +86,7 @@ async def render_moved(mesh_id: str, request: Request, parts: Parts, explain: An
             return await _plan(form, request, parts)
         encoding = wanted.format or image_format(accept)
         asset, pose_ms = await wait_for(request, parts.cpu.submit(_moved, parts, form), limit_s)
-    image = await wait_for(request, parts.renderer.submit_once(asset, wanted), limit_s)
+    image = await wait_for(request, parts.renderer.submit_once(asset, wanted, owner_of(request)), limit_s)
     clock = Stopwatch()
     body = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), limit_s)
     told = picture_headers(image, before=[("pose", pose_ms)], after=[("encode", clock.ms())])

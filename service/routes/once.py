@@ -14,6 +14,7 @@ from service.caching import NOT_KEPT
 from service.forms import REQUEST, parsed
 from service.negotiation import IMAGE_TYPES, choose, image_format
 from service.once import OneMesh, mesh_of
+from service.owners import owner_of
 from service.render.encode import encode
 from service.routes.documented import image_answer, once_body, problems, silhouette_answer
 from service.routes.render import picture_headers
@@ -68,7 +69,8 @@ async def render_once(view: Annotated[OnceRenderQuery, Query()], request: Reques
         wanted = _wanted(RenderRequest, mesh, view, by_query)
         caller_of(request).check_picture(wanted.width, wanted.height)
         wanted = wanted if wanted.format else wanted.model_copy(update={"format": by_query.format})
-        image = await wait_for(request, parts.renderer.submit_once(mesh.asset, wanted), parts.settings.render_timeout_s)
+        drawing = parts.renderer.submit_once(mesh.asset, wanted, owner_of(request))
+        image = await wait_for(request, drawing, parts.settings.render_timeout_s)
     clock = Stopwatch()
     encoding = wanted.format or ImageFormat.PNG
     body = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), parts.settings.render_timeout_s)

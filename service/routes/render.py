@@ -17,6 +17,8 @@ from service.access.caller import caller_of
 from service.assets import CLIP, READY, state_of
 from service.caching import IMMUTABLE, NOT_KEPT, REVALIDATE, entity_tag, not_modified
 from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format, wants_json
+from service.owners import owner_of
+from service.picture_cache import KeptPicture
 from service.render.encode import encode
 from service.render.explain import explain as explain_plan
 from service.render.renderer import RenderedImage
@@ -95,14 +97,36 @@ async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts:
     tag = entity_tag(mesh_id, state_of(manifest), "picture", wanted.model_dump_json())
     if answer := not_modified(request, tag, cache_control):
         return answer
+    if kept := parts.pictures.get(tag):
+        return _answer(kept, wanted, tag, cache_control, CACHED)
+    async with parts.pictures.alone(tag):
+        if kept := parts.pictures.get(tag):
+            return _answer(kept, wanted, tag, cache_control, CACHED)
+        picture, timing = await _drawn(manifest, wanted, request, parts)
+        if wanted.accuracy.budget_ms is None:  # what fits a budget changes as costs are learned
+            parts.pictures.put(tag, picture)
+    return _answer(picture, wanted, tag, cache_control, timing)
+
+
+CACHED = "cache;desc=hit"
+"""`Server-Timing` of a picture that was drawn before."""
+
+
+def _answer(picture: KeptPicture, wanted: RenderRequest, tag: str, cache_control: str, timing: str) -> Response:
+    headers = {"ETag": tag, "Cache-Control": cache_control, "Vary": "Accept", "Server-Timing": timing, **picture.headers}
+    return Response(picture.body, headers=headers, media_type=IMAGE_TYPES[wanted.format or ImageFormat.PNG])
+
+
+async def _drawn(manifest: Manifest, wanted: RenderRequest, request: Request, parts: Services) -> tuple[KeptPicture, str]:
+    """The picture, and what each step of it took."""
     limit_s = parts.settings.render_timeout_s
     asset = await wait_for(request, parts.cpu.submit(parts.assets.get, manifest), limit_s)
-    image = await wait_for(request, parts.renderer.submit(asset, wanted), limit_s)
+    image = await wait_for(request, parts.renderer.submit(asset, wanted, owner_of(request)), limit_s)
     clock = Stopwatch()
-    encoding = wanted.format or ImageFormat.PNG
-    body = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), limit_s)
-    headers = {"ETag": tag, "Cache-Control": cache_control, "Vary": "Accept", **picture_headers(image, after=[("encode", clock.ms())])}
-    return Response(body, headers=headers, media_type=IMAGE_TYPES[encoding])
+    body = await wait_for(request, parts.cpu.submit(encode, image.pixels, wanted.format or ImageFormat.PNG), limit_s)
+    headers = picture_headers(image, after=[("encode", clock.ms())])
+    timing = headers.pop("Server-Timing")
+    return KeptPicture(body, headers), timing
 
 
 async def _plan(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services) -> Response:

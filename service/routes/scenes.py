@@ -15,6 +15,7 @@ from service.assets import state_of
 from service.caching import REVALIDATE, entity_tag, not_modified
 from service.errors import located
 from service.negotiation import IMAGE_TYPES, image_format
+from service.owners import owner_of
 from service.render.encode import encode
 from service.routes.documented import image_answer, problems
 from service.routes.render import check_drawable, picture_headers
@@ -46,7 +47,7 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
         return answer
     limit_s = parts.settings.render_timeout_s
     plan, plan_ms = await wait_for(request, parts.cpu.submit(_plan, parts, wanted, manifests), limit_s)
-    image = await wait_for(request, parts.renderer.submit_drawing(drawing_of(plan)), limit_s)
+    image = await wait_for(request, parts.renderer.submit_drawing(drawing_of(plan), owner_of(request)), limit_s)
     clock = Stopwatch()
     picture = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), limit_s)
     told = picture_headers(image, before=[("plan", plan_ms)], after=[("encode", clock.ms())])

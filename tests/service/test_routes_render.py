@@ -136,6 +136,18 @@ def test_known_answer_is_304(http, knot, path):
     assert http.get(url, headers={"If-None-Match": '"other"'}).status_code == 200
 
 
+def test_picture_that_was_drawn_before_is_given_again_without_drawing(http, knot):
+    path = f"/v1/meshes/{knot.id}/render.png?azimuth=123.25&width=96&height=80"
+    first, again, other = http.get(path), http.get(path), http.get(path.replace("123.25", "123.5"))
+    assert "coverage;dur=" in first.headers["server-timing"]
+    assert again.headers["server-timing"] == "cache;desc=hit"
+    assert again.content == first.content
+    told = ("etag", "x-plan", "x-accuracy", "x-image-size", "cache-control", "content-type")
+    assert [again.headers[name] for name in told] == [first.headers[name] for name in told]
+    assert "coverage;dur=" in other.headers["server-timing"]
+    assert other.content != first.content
+
+
 def test_different_requests_have_different_tags(http, knot):
     base = f"/v1/meshes/{knot.id}/render"
     urls = [

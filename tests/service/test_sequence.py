@@ -13,6 +13,7 @@ from starlette.requests import ClientDisconnect, Request
 from schemas.errors import BusyError, InvalidRequestError
 from schemas.render import RenderRequest
 from schemas.sequence import SequenceFormat, SequenceRequest
+from service.access.caller import Caller, set_caller
 from service.animation import animation, durations_ms
 from service.render import renderer as renderers
 from service.render.renderer import Renderer
@@ -42,7 +43,9 @@ def request(leaves=None):
             await asyncio.sleep(0.005)
         return {"type": "http.disconnect"}
 
-    return Request({"type": "http", "headers": []}, receive)
+    connection = {"type": "http", "headers": []}
+    set_caller(connection, Caller())
+    return Request(connection, receive)
 
 
 def drawn(parts, asset, wanted, poses, leaves=None):

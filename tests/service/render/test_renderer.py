@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import ctypes
 import threading
+import time
 
+import numpy as np
 import pytest
 
 from schemas.errors import BusyError, CapabilityError
@@ -9,10 +12,12 @@ from schemas.render import Accuracy, RenderRequest
 from service.render import context
 from service.render import renderer as renderers
 from service.render.context import EglUnavailableError
+from service.render.frame import Timed, render_frame
 from service.render.renderer import Renderer
 from tests.service.render.made import clippable, unclippable
 
 SMALL = RenderRequest(width=32, height=32)
+ORIGINAL = RenderRequest(width=64, height=64, accuracy=Accuracy(source="original", antialias="msaa"))
 
 
 @pytest.fixture
@@ -84,6 +89,90 @@ def test_unexpected_fault_fails_only_its_frame(renderer, monkeypatch):
         failing.result(60)
     monkeypatch.undo()
     assert renderer.submit(clippable("sphere"), SMALL).result(60).pixels.any()
+
+
+def test_lost_context_is_replaced_and_the_same_picture_comes_out(renderer):
+    """What EGL has taken away draws nothing and reports no error: blank pictures must not be handed out as done."""
+    before = renderer.submit(clippable("sphere"), ORIGINAL).result(60).pixels
+    egl, tries = ctypes.CDLL("libEGL.so.1"), []
+    egl.eglGetCurrentDisplay.restype = ctypes.c_void_p
+
+    def lose_then_draw(gpu, true_times):
+        tries.append(gpu)
+        if len(tries) == 1:
+            assert egl.eglMakeCurrent(ctypes.c_void_p(egl.eglGetCurrentDisplay()), None, None, None)
+        return render_frame(gpu, clippable("sphere"), ORIGINAL)
+
+    after = renderer.submit_drawing(lose_then_draw).result(60).pixels
+    assert np.array_equal(before, after)
+    assert tries[0] is not tries[1]
+    assert tries[1].costs is tries[0].costs
+    assert np.array_equal(before, renderer.submit(clippable("sphere"), ORIGINAL).result(60).pixels)
+
+
+def test_gl_that_has_no_memory_fails_one_picture_and_no_other(renderer):
+    def asks_too_much(gpu, true_times):
+        largest = gpu.ctx.info["GL_MAX_TEXTURE_SIZE"]
+        kept = [gpu.gl.ctx.texture((largest, largest), 4, dtype="f4") for _ in range(64)]
+        gpu.gl.check()
+        raise AssertionError(f"{len(kept)} textures of {largest} x {largest} were to be had")
+
+    with pytest.raises(BusyError, match="GL"):
+        renderer.submit_drawing(asks_too_much).result(120)
+    assert renderer.submit(clippable("sphere"), ORIGINAL).result(60).pixels.any()
+
+
+def test_drawing_that_is_cancelled_ends_at_the_next_pass(renderer):
+    begun, passes = threading.Event(), []
+
+    def draw(gpu, true_times):
+        times = Timed(gpu, true_times)
+        begun.set()
+        for number in range(2000):
+            times.run("pass", lambda _: time.sleep(0.005), None)
+            passes.append(number)
+        raise AssertionError("it went on to the end")
+
+    drawing = renderer.submit_drawing(draw)
+    assert begun.wait(30)
+    assert not drawing.cancel()
+    with pytest.raises(BusyError):
+        drawing.result(60)
+    assert len(passes) < 2000
+    assert renderer.submit(clippable("sphere"), SMALL).result(60).pixels.any()
+
+
+def test_frame_whose_time_is_up_before_its_turn_is_not_drawn():
+    renderer, gate, drawn = Renderer(queue_depth=3, gpu_cache_mib=16, limit_s=0.05), threading.Event(), []
+    renderer.start()
+    try:
+        first = renderer.submit_drawing(lambda gpu, _: gate.wait(30) and render_frame(gpu, clippable("sphere"), SMALL))
+        late = renderer.submit_drawing(lambda *_: drawn.append(1))
+        time.sleep(0.1)
+        gate.set()
+        for future in (first, late):
+            with pytest.raises(BusyError, match="in time"):
+                future.result(60)
+        assert not drawn
+    finally:
+        renderer.close()
+
+
+def test_clients_take_turns_and_the_longest_line_makes_room(held):
+    renderer, release, _ = held
+    order = []
+
+    def noted(name):
+        return lambda gpu, _: order.append(name) or renderers.render_frame(gpu, clippable("sphere"), SMALL)
+
+    crowd = [renderer.submit_drawing(noted(f"crowd {n}"), "crowd") for n in range(3)]
+    one = renderer.submit_drawing(noted("one"), "one")
+    with pytest.raises(BusyError) as refused:
+        crowd[2].result(1)
+    assert refused.value.retry_after_s > 0.0
+    release.set()
+    assert all(future.result(60).pixels.any() for future in (*crowd[:2], one))
+    assert order == ["crowd 0", "one", "crowd 1"]
 
 
 def test_closing_cancels_what_waits_and_refuses_what_comes(held):
