@@ -182,7 +182,7 @@ def test_no_more_manifests_are_kept_than_said(store, progress):
 
 
 def test_where_looking_is_slow_a_ready_mesh_is_looked_up_now_and_then(store, meshes, monkeypatch):
-    monkeypatch.setattr(store, "look_interval_s", 0.4)
+    monkeypatch.setattr(store, "look_interval_s", 60.0)
     mesh_id, loading = settled(store), accept(store, b"other")
     record(store, loading, "load", report=LOAD_REPORT)
     assert meshes.drawable(loading).status == "loaded"
@@ -192,7 +192,8 @@ def test_where_looking_is_slow_a_ready_mesh_is_looked_up_now_and_then(store, mes
     assert meshes.drawable(mesh_id) is kept
     with pytest.raises(NotFoundError):
         meshes.drawable(loading)
-    time.sleep(0.5)
+    monkeypatch.setattr(store, "look_interval_s", 0.01)
+    time.sleep(0.02)
     with pytest.raises(NotFoundError):
         meshes.drawable(mesh_id)
 
