@@ -21,6 +21,7 @@ from redis.backoff import ConstantBackoff
 from redis.retry import Retry as RedisRetry
 from rq import Queue, Retry
 from rq.exceptions import DequeueTimeout, DuplicateJobError
+from rq.intermediate_queue import IntermediateQueue
 from rq.job import Job, JobStatus
 from rq.registry import StartedJobRegistry
 from rq.serializers import JSONSerializer
@@ -355,11 +356,13 @@ class JobQueue:
         return True
 
     def _drop_jobs(self, mesh_id: str, stages: Collection[str]) -> None:
-        """Remove the jobs of a mesh that no worker has started."""
+        """Remove the jobs of a mesh that no worker has started, and of all what RQ notes of those on their way to one."""
         running = {entry.partition(":")[0] for queue in self._queues for entry in _started_entries(queue)}
         for stage in stages:
-            if f"{mesh_id}-{stage}" not in running:
-                self._delete_job(self._queue_of(stage), f"{mesh_id}-{stage}")
+            queue, job_id = self._queue_of(stage), f"{mesh_id}-{stage}"
+            if job_id not in running:
+                self._delete_job(queue, job_id)
+            self.redis.delete(IntermediateQueue(queue.key, self.redis).get_first_seen_key(job_id))
 
     def _delete_job(self, queue: StageQueue, job_id: str) -> None:
         with self.redis.pipeline(transaction=True) as pipe:

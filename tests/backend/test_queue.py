@@ -4,6 +4,7 @@ import time
 
 import pytest
 import redis
+from rq.intermediate_queue import IntermediateQueue
 from rq.job import Job, JobStatus
 from rq.serializers import JSONSerializer
 
@@ -208,6 +209,16 @@ def test_deleting_leaves_no_file_and_no_job(store, queue):
     assert not queue.cancel(mesh_id)
     queue.advance(mesh_id)
     assert waiting(queue) == []
+
+
+def test_deleting_removes_what_rq_notes_of_jobs_on_their_way_to_a_worker(store, queue):
+    """It stays for a day, and a job of the same name that is on its way later would count as stuck."""
+    mesh_id = accept(store)
+    queue.advance(mesh_id)
+    take(queue)
+    assert IntermediateQueue(queue.queue.key, queue.redis).set_first_seen(f"{mesh_id}-load")
+    assert queue.cancel(mesh_id)
+    assert [key for key in queue.redis.scan_iter() if b"first_seen" in key] == []
 
 
 def test_a_deleted_mesh_can_be_accepted_again(store, queue):
