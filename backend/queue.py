@@ -30,6 +30,7 @@ from backend.problems import BROKEN, problem_of
 from backend.progress import Progress
 from backend.settings import BackendSettings
 from backend.store import Store
+from backend.tracing import carried
 from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError
 from schemas.jobs import LATER_QUEUE, LATER_STAGES, ONCE_QUEUE, QUEUE, READ_MESH, RUN_STAGE, STAGES
@@ -44,10 +45,13 @@ RESULT_S = 60
 RECONCILE_LOCK = "silhouette:reconciling"
 
 
-def connect(url: str) -> redis.Redis:
-    """A connection pool for `redis://`, `rediss://` or `unix://`. One quick second try, then errors are the caller's."""
+def connect(url: str, timeout_s: float = SOCKET_TIMEOUT_S) -> redis.Redis:
+    """A connection pool for `redis://`, `rediss://` or `unix://`. One quick second try, then errors are the caller's.
+
+    timeout_s: longest that one answer is waited for.
+    """
     retry = RedisRetry(ConstantBackoff(0.05), 1)
-    return redis.Redis.from_url(url, socket_timeout=SOCKET_TIMEOUT_S, socket_connect_timeout=5.0, retry=retry)
+    return redis.Redis.from_url(url, socket_timeout=timeout_s, socket_connect_timeout=min(timeout_s, 5.0), retry=retry)
 
 
 class StageQueue(Queue):
@@ -186,6 +190,7 @@ class JobQueue:
             result_ttl=0,
             failure_ttl=RESULT_S,
             description=f"read {token}",
+            meta=carried(),
         )
 
     def has_waiting(self) -> bool:
@@ -299,6 +304,7 @@ class JobQueue:
                 result_ttl=RESULT_S,
                 failure_ttl=self._job_record_s,
                 description=f"{stage} of {mesh_id}",
+                meta=carried(),
             )
             log.info("enqueued", extra={"mesh": mesh_id, "stage": stage})
         return _JobState.ALIVE
