@@ -34,7 +34,7 @@ class BackendSettings(BaseSettings):
     store_url: str | None = Field(None, description="object store; none: local disk under data_dir; file:///path: local disk there")
     log_level: str = Field("INFO", pattern=r"^(DEBUG|INFO|WARNING|ERROR)$", description="least level of log lines")
 
-    log_requests: bool = Field(True, description="a log line for each request that is answered and each job that is run")
+    log_requests: bool = Field(True, description="a log line for each request that is answered")
     trace_endpoint: str | None = Field(None, description="OTLP collector that traces go to, over HTTP; none: no traces")
 
     measure: bool = Field(True, description="once a mesh is ready, make hulls of other sizes and measure what accuracy costs")

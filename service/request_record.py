@@ -21,10 +21,11 @@ UNMATCHED = "unmatched"
 
 @dataclass
 class RequestRecord:
-    """id: of the request. route: template of its address. key: id of its API key. code: of the problem it was answered with."""
+    """id: of the request. route: template of its address. mesh: id in it. key: id of its API key. code: of the problem it ended with."""
 
     id: str
     route: str = UNMATCHED
+    mesh: str | None = None
     key: str | None = None
     code: str | None = None
 

@@ -90,7 +90,7 @@ def test_make_targets_named_in_the_readme_exist(target):
 
 def test_command_help_teaches_every_command():
     top = subprocess.run([sys.executable, "-m", "client.cli", "--help"], capture_output=True, text=True, check=True).stdout
-    for command in ("serve", "worker", "demo", "upload", "render", "silhouette", "keys", "sign"):
+    for command in ("serve", "worker", "demo", "doctor", "upload", "render", "silhouette", "keys", "sign"):
         assert command in top
 
 

@@ -83,9 +83,10 @@ class RouteNoted:
             record, route = current_request(), scope.get("route")
             if record is not None and route is not None:
                 record.route = route.path
+                record.mesh = scope.get("path_params", {}).get("mesh_id")
 
 
 def _write_line(record: RequestRecord, method: str, status: int, seconds: float) -> None:
     told: dict[str, Any] = {"method": method, "route": record.route, "status": status, "ms": round(seconds * 1e3, 3)}
-    told |= {name: value for name, value in (("key", record.key), ("code", record.code)) if value is not None}
+    told |= {name: value for name, value in (("mesh", record.mesh), ("key", record.key), ("code", record.code)) if value is not None}
     log.info("%s %s %d", method, record.route, status, extra=told)
