@@ -6,6 +6,7 @@ import re
 import signal
 import time
 import uuid
+from pathlib import Path
 
 import httpx
 import pytest
@@ -58,16 +59,18 @@ def test_a_refusal_of_the_guard_has_an_id_too(guarded):
 
 
 def test_metrics_need_the_scope_admin_where_there_are_keys(guarded):
-    assert guarded.http().get("/metrics").status_code == 401
-    assert guarded.http("reader").get("/metrics").status_code == 403
-    answer = guarded.http("admin").get("/metrics")
+    with guarded.http() as anyone, guarded.http("reader") as reader, guarded.http("admin") as admin:
+        assert anyone.get("/metrics").status_code == 401
+        assert reader.get("/metrics").status_code == 403
+        answer = admin.get("/metrics")
     assert answer.status_code == 200
     assert samples(answer.text)["silhouette_refusals_total", ("code", "missing-scope")] >= 1.0
 
 
 def test_lines_of_requests_name_the_key_and_never_its_secret(guarded):
     asked = uuid.uuid4().hex
-    guarded.http("reader").get("/v1/meshes", headers={"X-Request-Id": asked})
+    with guarded.http("reader") as reader:
+        reader.get("/v1/meshes", headers={"X-Request-Id": asked})
     (line,) = [one for one in lines(guarded.running) if one.get("request") == asked and one["logger"] == "silhouette.requests"]
     assert line["key"] in guarded.tokens["reader"]
     secret = guarded.tokens["reader"].rpartition("_")[2]
@@ -130,12 +133,11 @@ def test_a_workers_lines_have_the_request_that_began_the_mesh(service, tmp_path)
 
 def pid_of(service, program):
     """Of the child of a service that runs a program."""
-    children = [int(pid) for pid in os.listdir("/proc") if pid.isdigit()]
-    for pid in children:
+    for folder in Path("/proc").glob("[0-9]*"):
         try:
-            with open(f"/proc/{pid}/stat") as stat, open(f"/proc/{pid}/cmdline") as command:
-                if int(stat.read().rpartition(")")[2].split()[1]) == service.pid and program in command.read():
-                    return pid
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            if parent == service.pid and program in (folder / "cmdline").read_text():
+                return int(folder.name)
         except (FileNotFoundError, ProcessLookupError):
             continue
     raise AssertionError(f"no {program}")
