@@ -15,7 +15,7 @@ import httpx
 import redis
 
 from backend.queue import connect
-from backend.store import Store
+from backend.stores import open_store
 from schemas.errors import SilhouetteError
 from service.access.policy import startup_fault
 from service.doctor.finding import Finding
@@ -33,14 +33,14 @@ PASSWORD = re.compile(r"(://[^:@/]*:)[^@/]*@")
 def check_queue(settings: ServiceSettings) -> Finding:
     """The Redis that is named, or a private server that is started for the check."""
     if settings.redis_url is not None:
-        return _named_server(settings.redis_url)
+        return _named_server(settings, settings.redis_url)
     try:
         program = find_server()
         with tempfile.TemporaryDirectory(prefix="silhouette-doctor-") as folder:
             backend = EmbeddedBackend(Path(folder), worker_count=0)
             backend.start()
             try:
-                with connect(backend.redis_url, ANSWER_S) as connection:
+                with connect(backend.redis_url, timeout_s=ANSWER_S) as connection:
                     version = _info(connection)["redis_version"]
             finally:
                 backend.stop(0.0)
@@ -49,9 +49,9 @@ def check_queue(settings: ServiceSettings) -> Finding:
     return Finding(f"private server {program}, Redis {version}")
 
 
-def _named_server(url: str) -> Finding:
+def _named_server(settings: ServiceSettings, url: str) -> Finding:
     shown = PASSWORD.sub(r"\1***@", url)
-    connection = connect(url, ANSWER_S)
+    connection = connect(url, settings.redis_password_file, settings.redis_ca_file, timeout_s=ANSWER_S)
     try:
         info = _info(connection)
         server_s = connection.time()
@@ -77,9 +77,9 @@ def _info(connection: redis.Redis) -> dict[str, Any]:
 def _remedy(error: redis.RedisError, url: str) -> str:
     text = str(error).lower()
     if isinstance(error, redis.AuthenticationError) or "noauth" in text or "password" in text:
-        return "the server wants another password: SILHOUETTE_REDIS_URL=redis://:PASSWORD@HOST:6379/0"
+        return "the server wants another password: SILHOUETTE_REDIS_URL=redis://:PASSWORD@HOST:6379/0, or SILHOUETTE_REDIS_PASSWORD_FILE"
     if "ssl" in text or "certificate" in text:
-        return "TLS failed: use redis:// for a server without it, or add ?ssl_ca_certs=/path/ca.pem to a rediss:// address"
+        return "TLS failed: use redis:// for a server without it, or name the authority of a rediss:// one by SILHOUETTE_REDIS_CA_FILE"
     if url.startswith("redis://") and ("closed" in text or "reset" in text):
         return "the server may want TLS: try rediss://"
     return "start that server, or correct SILHOUETTE_REDIS_URL; without it a private server is used"
@@ -87,10 +87,11 @@ def _remedy(error: redis.RedisError, url: str) -> str:
 
 def check_store(settings: ServiceSettings) -> Finding:
     """Write, read back and delete an object, durably; and how much room there is."""
+    where = settings.store_url or str(settings.store_dir)
     key = f"doctor/{uuid.uuid4().hex}"
     data = bytes(PROBE_BYTES)
     try:
-        store = Store(settings.store_dir)
+        store = open_store(settings)
         started = time.perf_counter()
         store.put_bytes(key, data)
         took_s = time.perf_counter() - started
@@ -98,10 +99,8 @@ def check_store(settings: ServiceSettings) -> Finding:
         store.delete(key)
         free_mib = store.free_bytes() >> 20
     except (OSError, SilhouetteError) as error:
-        return Finding(
-            f"{settings.store_dir}: {error}", "give the service's user a folder to write: SILHOUETTE_DATA_DIR, SILHOUETTE_STORE_URL"
-        )
-    found = f"{settings.store_dir}: 1 MiB made durable in {took_s * 1e3:.0f} ms, {free_mib} MiB free"
+        return Finding(f"{where}: {error}", _store_remedy(settings))
+    found = f"{where}: 1 MiB made durable in {took_s * 1e3:.0f} ms, {free_mib} MiB free"
     if not is_same:
         return Finding(found, "what is read is not what was written: check the disk")
     if free_mib < settings.keep_free_mib:
@@ -109,6 +108,12 @@ def check_store(settings: ServiceSettings) -> Finding:
     if took_s > SLOW_SYNC_S:
         return Finding(found, "put the store on a faster disk: every artifact waits for this", is_fatal=False)
     return Finding(found)
+
+
+def _store_remedy(settings: ServiceSettings) -> str:
+    if settings.store_url is not None and settings.store_url.startswith("s3:"):
+        return "correct SILHOUETTE_STORE_URL, SILHOUETTE_STORE_ENDPOINT, SILHOUETTE_STORE_REGION or the store's keys: docs/deploy.md"
+    return "give the service's user a folder to write: SILHOUETTE_DATA_DIR, SILHOUETTE_STORE_URL"
 
 
 def check_port(settings: ServiceSettings) -> Finding:

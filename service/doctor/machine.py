@@ -10,7 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from backend.store import Store
+from backend.local_store import LocalStore
 from schemas.render import RenderRequest
 from service import kernels
 from service.doctor.finding import Finding
@@ -81,7 +81,7 @@ def check_drawing(settings: ServiceSettings) -> Finding:
     try:
         with tempfile.TemporaryDirectory(prefix="silhouette-doctor-") as folder:
             started = time.perf_counter()
-            image = renderer.submit(octahedron(Store(Path(folder))), RenderRequest(width=SIDE_PX, height=SIDE_PX)).result(DRAW_S)
+            image = renderer.submit(octahedron(LocalStore(Path(folder))), RenderRequest(width=SIDE_PX, height=SIDE_PX)).result(DRAW_S)
             ms = (time.perf_counter() - started) * 1e3
         found = f"{renderer.costs.device}: a picture in {ms:.0f} ms"
     finally:

@@ -11,6 +11,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 from prometheus_client.registry import Collector
 
 from backend.counts import BUCKETS_S, StageCounts, queue_depths, read_counts
+from schemas.errors import SilhouetteError
 from service.state import Services
 
 log = logging.getLogger("silhouette.service")
@@ -51,8 +52,8 @@ class ServiceCollector(Collector):
         held.add_metric(["gpu"], parts.renderer.held_bytes)
         yield held
         try:
-            yield _gauge("silhouette_store_free_bytes", "Free where the store is", parts.store.free_bytes())
-        except OSError as error:
+            yield _gauge("silhouette_store_free_bytes", "Bytes that an upload may still take here", parts.store.free_bytes())
+        except (OSError, SilhouetteError) as error:
             log.warning("no metrics of the store: %s", error)
 
 
