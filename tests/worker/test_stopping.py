@@ -93,9 +93,10 @@ def test_a_second_signal_does_not_wait_for_the_grace_and_returns_the_job_too(bac
 
 
 def test_an_idle_worker_stops_at_once(backend):
-    backend, _ = backend
+    backend, queue = backend
     with worker(backend, 300.0) as only:
-        time.sleep(4.0)
+        wait_for(lambda: queue.redis.scard("rq:workers"))
+        time.sleep(1.0)
         asked = time.monotonic()
         only.send_signal(signal.SIGTERM)
         assert only.wait(20.0) == 0
