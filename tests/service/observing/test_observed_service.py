@@ -13,6 +13,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from client import Client
+from client.errors import NotFoundError
 from client.local import LocalService
 from client.shapes import write_ply
 from tests import meshes
@@ -169,3 +170,10 @@ def test_lines_of_requests_can_be_turned_off(tmp_path):
     with LocalService(tmp_path, {"SILHOUETTE_MEASURE": "0", "SILHOUETTE_LOG_REQUESTS": "0"}, ("--workers", "0")) as service:
         httpx.get(f"{service.url}/healthz")
         assert not [one for one in lines(service) if one["logger"] == "silhouette.requests"]
+
+
+def test_an_error_of_the_client_says_which_line_of_the_log_it_is_about(service, client):
+    with pytest.raises(NotFoundError) as refused:
+        client.info("0" * 32)
+    (line,) = [one for one in lines(service) if one.get("request") == refused.value.request_id and one["logger"] == "silhouette.requests"]
+    assert (line["status"], line["code"], line["mesh"]) == (404, "not-found", "0" * 32)
