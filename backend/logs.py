@@ -5,13 +5,39 @@ from __future__ import annotations
 import json
 import logging
 import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from datetime import UTC, datetime
+from types import MappingProxyType
 
 STANDARD = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime", "taskName"}
 
+_BOUND: ContextVar[Mapping[str, str]] = ContextVar("log_context", default=MappingProxyType({}))
+
+
+def bind(**values: str) -> None:
+    """Have every log line of this task, and of what it starts from now on, say these, too."""
+    _BOUND.set({**_BOUND.get(), **values})
+
+
+@contextmanager
+def bound(**values: str) -> Iterator[None]:
+    """The same inside the block alone."""
+    token = _BOUND.set({**_BOUND.get(), **values})
+    try:
+        yield
+    finally:
+        _BOUND.reset(token)
+
+
+def bound_values() -> Mapping[str, str]:
+    """What log lines say here."""
+    return _BOUND.get()
+
 
 class JsonFormatter(logging.Formatter):
-    """Time, level, logger, process, message, what was passed as `extra`, and the trace of an exception."""
+    """Time, level, logger, process, message, what is bound here, what was passed as `extra`, and the trace of an exception."""
 
     def __init__(self, process: str) -> None:
         super().__init__()
@@ -25,6 +51,7 @@ class JsonFormatter(logging.Formatter):
             "logger": record.name,
             "process": self._process,
             "message": record.getMessage(),
+            **_BOUND.get(),
             **{name: value for name, value in record.__dict__.items() if name not in STANDARD},
         }
         if record.exc_info:

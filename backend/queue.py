@@ -33,6 +33,7 @@ from backend.progress import Progress
 from backend.settings import BackendSettings
 from backend.store import Store
 from backend.stores import open_store
+from backend.tracing import carried
 from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError
 from schemas.jobs import LATER_QUEUE, LATER_STAGES, ONCE_QUEUE, QUEUE, READ_MESH, RUN_STAGE, STAGES
@@ -47,14 +48,17 @@ RESULT_S = 60
 RECONCILE_LOCK = "silhouette:reconciling"
 
 
-def connect(url: str, password_file: Path | None = None, ca_file: Path | None = None) -> redis.Redis:
+def connect(
+    url: str, password_file: Path | None = None, ca_file: Path | None = None, *, timeout_s: float = SOCKET_TIMEOUT_S
+) -> redis.Redis:
     """A connection pool for `redis://`, `rediss://` or `unix://`. One quick second try, then errors are the caller's.
 
     password_file: its first line is the password. ca_file: certificates that the server's is to be signed by, instead of the system's.
+    timeout_s: longest that one answer is waited for.
     """
     retry = RedisRetry(ConstantBackoff(0.05), 1)
     more = connection_options(url, password_file, ca_file)
-    return redis.Redis.from_url(url, socket_timeout=SOCKET_TIMEOUT_S, socket_connect_timeout=5.0, retry=retry, **more)
+    return redis.Redis.from_url(url, socket_timeout=timeout_s, socket_connect_timeout=min(timeout_s, 5.0), retry=retry, **more)
 
 
 def connection_options(url: str, password_file: Path | None, ca_file: Path | None) -> dict[str, Any]:
@@ -207,6 +211,7 @@ class JobQueue:
             result_ttl=0,
             failure_ttl=RESULT_S,
             description=f"read {token}",
+            meta=carried(),
         )
 
     def has_waiting(self) -> bool:
@@ -321,6 +326,7 @@ class JobQueue:
                 result_ttl=RESULT_S,
                 failure_ttl=self._job_record_s,
                 description=f"{stage} of {mesh_id}",
+                meta=carried(),
             )
             log.info("enqueued", extra={"mesh": mesh_id, "stage": stage})
         return _JobState.ALIVE

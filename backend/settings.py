@@ -44,9 +44,13 @@ class BackendSettings(BaseSettings):
     store_cache_mib: int = Field(4096, ge=1, description="copies of an S3 store's objects under data_dir")
     log_level: str = Field("INFO", pattern=r"^(DEBUG|INFO|WARNING|ERROR)$", description="least level of log lines")
 
+    log_requests: bool = Field(True, description="a log line for each request that is answered")
+    trace_endpoint: str | None = Field(None, description="OTLP collector that traces go to, over HTTP; none: no traces")
+
     measure: bool = Field(True, description="once a mesh is ready, make hulls of other sizes and measure what accuracy costs")
     stage_timeout_s: int = Field(3600, ge=10, description="longest one preprocessing stage may run")
     stage_attempts: int = Field(4, ge=1, description="times a stage is started before a mesh fails because its worker died or it broke")
+    stop_grace_s: float = Field(5.0, ge=0.0, le=3600.0, description="longest that work under way holds up the end of a process")
     job_record_s: int = Field(3600, ge=60, description="how long the queue remembers a job that ended")
     reconcile_interval_s: float = Field(10.0, gt=0.0, description="how often accepted meshes are compared with the queue")
     temporary_age_s: float = Field(6 * 3600.0, gt=0.0, description="temporary files older than this belong to nobody")

@@ -13,7 +13,7 @@ from client.commands.accuracy import accuracy
 from client.commands.console import err, escaped
 from client.commands.meshes import delete, hull, info, list_meshes, original, upload
 from client.commands.pictures import render, silhouette
-from client.commands.running import demo, serve, worker
+from client.commands.running import demo, doctor, serve, worker
 from client.commands.scenes import scene
 from client.commands.sequences import frames, turntable
 from client.errors import RequestError, ServiceError
@@ -32,6 +32,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "serve": serve,
     "worker": worker,
     "demo": demo,
+    "doctor": doctor,
     "upload": upload,
     "render": render,
     "turntable": turntable,

@@ -43,6 +43,11 @@ class ServiceError(Exception):
         """Stable slug for programs."""
         return str((self.problem.model_extra or {}).get("code", "unknown"))
 
+    @property
+    def request_id(self) -> str | None:
+        """By which whoever runs the service finds the request in its log; None when there was no answer."""
+        return (self.problem.model_extra or {}).get("request_id")
+
 
 class UnreachableError(ServiceError):
     """Nobody answers at the address, or the connection broke."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import math
 import os
 import signal
 import socket
@@ -22,9 +23,6 @@ from backend.settings import setting_faults
 from service.access.policy import startup_fault
 from service.embedded import EmbeddedBackend, StartupError
 from service.settings import ServiceSettings
-
-GRACE_S = 3
-"""Seconds that requests under way get to end when the service stops."""
 
 BACKLOG = 512
 
@@ -47,7 +45,7 @@ def main() -> int:
 
     try:
         with _listening(settings) as listener, _backend(settings) as connected:
-            return _serve(app.create_app(connected), listener)
+            return _serve(app.create_app(connected), listener, connected.stop_grace_s)
     except StartupError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -99,7 +97,8 @@ def _backend(settings: ServiceSettings) -> Iterator[ServiceSettings]:
         backend.stop()
 
 
-def _serve(app: FastAPI, listener: socket.socket) -> int:
+def _serve(app: FastAPI, listener: socket.socket, grace_s: float) -> int:
+    """grace_s: seconds that requests under way get to end when the service stops."""
     config = uvicorn.Config(
         app,
         log_config=None,
@@ -107,7 +106,7 @@ def _serve(app: FastAPI, listener: socket.socket) -> int:
         access_log=False,
         server_header=False,
         backlog=BACKLOG,
-        timeout_graceful_shutdown=GRACE_S,
+        timeout_graceful_shutdown=math.ceil(grace_s),
         lifespan="on",
     )
     server = uvicorn.Server(config)

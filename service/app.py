@@ -20,7 +20,8 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.types import Scope
 
 from backend import once, records
-from backend.queue import JobQueue
+from backend.queue import JobQueue, connect
+from backend.tracing import open_tracing
 from schemas.errors import SilhouetteError
 from service import errors
 from service.access.guard import AccessGuard
@@ -30,10 +31,15 @@ from service.body_limit import BodyLimit
 from service.forms import is_form
 from service.head import HeadAsGet
 from service.meshes import Meshes
+from service.observing.collector import ServiceCollector
+from service.observing.metrics import Metrics
+from service.observing.middleware import Observed, RouteNoted
 from service.picture_cache import PictureCache
+from service.readiness import Readiness
 from service.render.context import EglUnavailableError
 from service.render.renderer import Renderer
-from service.routes import access, accuracy, artifacts, docs, frames, health, meshes, moved, page, render, scenes, silhouette
+from service.request_record import REQUEST_ID
+from service.routes import access, accuracy, artifacts, docs, frames, health, meshes, metrics, moved, page, render, scenes, silhouette
 from service.routes import once as one_request
 from service.routes.documented import problems
 from service.security_headers import SecurityHeaders
@@ -44,7 +50,7 @@ from service.warm import warm_in_background
 
 log = logging.getLogger("silhouette.service")
 
-ROUTES = (page, docs, meshes, moved, render, frames, scenes, silhouette, one_request, accuracy, artifacts, access, health)
+ROUTES = (page, docs, meshes, moved, render, frames, scenes, silhouette, one_request, accuracy, artifacts, access, metrics, health)
 """In the order in which they are tried: forms at addresses that take JSON too come first."""
 
 MESH_BODIES = frozenset({"/v1/meshes", "/v1/render", "/v1/silhouette"})
@@ -60,9 +66,9 @@ KEYED: dict[str, Any] = {
 
 SHARED_WITH_PAGES: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "DELETE"],
-    "allow_headers": ["Authorization", "X-API-Key", "Content-Type", "If-None-Match", "Range"],
+    "allow_headers": ["Authorization", "X-API-Key", "Content-Type", "If-None-Match", "Range", REQUEST_ID],
     "expose_headers": [
-        *("ETag", "Location", "Retry-After", "Server-Timing", "X-Plan", "X-Accuracy", "X-Image-Size", "X-Frames", "X-Hull"),
+        *("ETag", "Location", "Retry-After", "Server-Timing", "X-Plan", "X-Accuracy", "X-Image-Size", "X-Frames", "X-Hull", REQUEST_ID),
         *("RateLimit-Limit", "RateLimit-Remaining", "RateLimit-Reset"),
     ],
     "max_age": 3600,
@@ -75,17 +81,25 @@ the original's although only a coarse hull is drawn, or the silhouette itself as
 CLOSE_S = 2.0
 """Seconds that work under way may hold up the end of the process."""
 
+CHECK_S = 2.0
+"""Longest that a check of readiness may take: a disk that hangs is no better than none."""
+
+PROBE_S = 0.5
+"""Longest that somebody who asks how the queue is waits for its answer, twice."""
+
 CPU_DEPTH = 64
 """Short CPU work that may wait; each takes milliseconds."""
 
 
 def create_app(settings: ServiceSettings) -> FastAPI:
     """The application. It opens store, queue and renderer when it starts, and needs `settings.redis_url` then."""
+    counted, tracing = Metrics(), open_tracing("service", settings.trace_endpoint)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services = await to_thread.run_sync(_open, settings)
         app.state.services = services
+        counted.registry.register(collector := ServiceCollector(services))
         if services.renderer_fault is None:
             warm_in_background(services.renderer)
         keeper = asyncio.create_task(_reconcile(services), name="reconcile")
@@ -96,7 +110,10 @@ def create_app(settings: ServiceSettings) -> FastAPI:
             with suppress(asyncio.CancelledError):
                 await keeper
             await services.access.requests.close()
+            counted.registry.unregister(collector)
             _close(services)
+            if tracing is not None:
+                await to_thread.run_sync(tracing.close)
 
     app = FastAPI(
         title="Silhouette Service",
@@ -106,13 +123,16 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         docs_url=None,
         redoc_url=None,
     )
+    app.state.metrics = counted
     errors.install(app)
+    app.add_middleware(RouteNoted)
     app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=counts_itself)
     app.add_middleware(AccessGuard, allowed_origins=settings.cors_origins)
     app.add_middleware(HeadAsGet)
     if settings.cors_origins:
         app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **SHARED_WITH_PAGES)
     app.add_middleware(SecurityHeaders, is_shared=bool(settings.cors_origins), has_tls=settings.behind_tls)
+    app.add_middleware(Observed, metrics=counted, tracing=tracing, writes_lines=settings.log_requests)
     for module in ROUTES:
         app.include_router(module.router, **({} if module is health else KEYED))
     return app
@@ -126,6 +146,7 @@ def counts_itself(scope: Scope) -> bool:
 
 def _open(settings: ServiceSettings) -> Services:
     queue = JobQueue.open(settings)
+    assert settings.redis_url is not None
     limit_s = settings.render_timeout_s
     renderer, fault = Renderer(settings.render_depth, settings.gpu_cache_mib, true_times=True, limit_s=limit_s), None
     try:
@@ -138,12 +159,14 @@ def _open(settings: ServiceSettings) -> Services:
         store=queue.store,
         once=once.store_of(queue.store),
         queue=queue,
+        probe=connect(settings.redis_url, settings.redis_password_file, settings.redis_ca_file, timeout_s=PROBE_S),
         meshes=Meshes(queue.store, queue.progress, measure=settings.measure),
         assets=AssetCache(queue.store, settings.asset_cache_mib),
         renderer=renderer,
         pictures=PictureCache(settings.picture_cache_mib * 2**20),
         cpu=Slots(max(2, os.cpu_count() or 1), CPU_DEPTH, "cpu"),
         access=open_access(settings, queue.store),
+        readiness=Readiness(CHECK_S),
         renderer_fault=fault,
     )
 
@@ -156,6 +179,7 @@ def _close(services: Services) -> None:
     for thread in closing:
         thread.join(CLOSE_S)
     services.queue.redis.close()
+    services.probe.close()
 
 
 async def _reconcile(services: Services) -> None:

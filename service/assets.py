@@ -345,6 +345,12 @@ class AssetCache:
                 self._kept.popitem(last=False)
         return asset
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays of the assets in use."""
+        with self._lock:
+            return sum(asset.nbytes for _, asset in self._kept.values())
+
     def drop(self, mesh_id: str) -> None:
         """Forget a mesh that was deleted."""
         with self._lock:

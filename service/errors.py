@@ -19,6 +19,7 @@ from schemas import errors as tree
 from schemas.mesh import Problem
 from schemas.render import CAMERA_FORMS
 from schemas.scene import TRANSFORM_FORMS
+from service.request_record import REQUEST_ID, current_request
 
 log = logging.getLogger("silhouette.service")
 
@@ -89,7 +90,10 @@ def located(error: tree.SilhouetteError, field: str) -> tree.SilhouetteError:
 
 
 def problem_response(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
-    """A problem as an HTTP answer."""
+    """A problem as an HTTP answer, with the id of the request."""
+    if (record := current_request()) is not None:
+        record.code = (problem.model_extra or {}).get("code")
+        problem = problem.model_copy(update={"request_id": record.id})
     body = orjson.dumps(problem.model_dump(mode="json", exclude_none=True))
     return Response(body, status_code=problem.status, media_type=PROBLEM_JSON, headers={"Cache-Control": "no-store", **(headers or {})})
 
@@ -180,9 +184,12 @@ async def _on_gone(_: Request, __: Exception) -> Response:
 
 
 async def _on_unexpected(_: Request, __: Exception) -> Response:
+    """Outside of all middleware, so that the id of the request is set here."""
     status, title = STATUS[tree.SilhouetteError]
     detail = "Something went wrong inside the service. The fault is in its log."
-    return problem_response(Problem(type=tree.PROBLEM_TYPE + "internal", title=title, status=status, detail=detail, code="internal"))
+    problem = Problem(type=tree.PROBLEM_TYPE + "internal", title=title, status=status, detail=detail, code="internal")
+    record = current_request()
+    return problem_response(problem, {} if record is None else {REQUEST_ID: record.id})
 
 
 def install(app: FastAPI) -> None:

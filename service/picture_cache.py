@@ -27,13 +27,18 @@ class KeptPicture:
 
 
 class PictureCache:
-    """At most so many bytes of pictures, least recently used first to go. `alone` belongs to one event loop."""
+    """At most so many bytes of pictures, least recently used first to go. `alone` belongs to one event loop.
+
+    hits, misses: how often a picture was given from here, and how often one had to be made.
+    """
 
     def __init__(self, limit_bytes: int) -> None:
         self._limit = limit_bytes
         self._kept: OrderedDict[str, KeptPicture] = OrderedDict()
         self._nbytes = 0
         self._lock = threading.Lock()
+        self.hits = 0
+        self.misses = 0
         self._making: dict[str, tuple[asyncio.Lock, int]] = {}
 
     def get(self, tag: str) -> KeptPicture | None:
@@ -42,6 +47,7 @@ class PictureCache:
             found = self._kept.get(tag)
             if found is not None:
                 self._kept.move_to_end(tag)
+                self.hits += 1
         return found
 
     def put(self, tag: str, picture: KeptPicture) -> None:
@@ -61,13 +67,15 @@ class PictureCache:
         return self._nbytes
 
     @asynccontextmanager
-    async def alone(self, tag: str) -> AsyncIterator[None]:
-        """One at a time makes the picture with this tag; the others wait, and then find it kept."""
+    async def alone(self, tag: str) -> AsyncIterator[KeptPicture | None]:
+        """One at a time makes the picture with this tag, which gets None; the others wait, and then find it kept and get it."""
         lock, count = self._making.get(tag, (asyncio.Lock(), 0))
         self._making[tag] = lock, count + 1
         try:
             async with lock:
-                yield
+                found = self.get(tag)
+                self.misses += found is None
+                yield found
         finally:
             count = self._making[tag][1] - 1
             if count:

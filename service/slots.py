@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from typing import Any, TypeVar
 
 from schemas.errors import BusyError
@@ -20,10 +21,10 @@ class Slots:
         self._free = threading.BoundedSemaphore(threads + depth)
 
     def submit(self, work: Callable[..., T], *args: Any) -> Future[T]:
-        """Run `work(*args)` in a slot. Raises BusyError when all are taken."""
+        """Run `work(*args)` in a slot, with the caller's context variables. Raises BusyError when all are taken."""
         if not self._free.acquire(blocking=False):
             raise BusyError("The service is doing all it can; try again in a moment.")
-        future = self._pool.submit(work, *args)
+        future = self._pool.submit(copy_context().run, work, *args)
         future.add_done_callback(lambda _: self._free.release())
         return future
 

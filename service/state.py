@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, cast
 
+import redis
 from fastapi import Depends, Request
 
 from backend.queue import JobQueue
@@ -13,6 +14,7 @@ from service.access.policy import Access
 from service.assets import AssetCache
 from service.meshes import Meshes
 from service.picture_cache import PictureCache
+from service.readiness import Readiness
 from service.render.renderer import Renderer
 from service.settings import ServiceSettings
 from service.slots import Slots
@@ -24,19 +26,21 @@ class Services:
     """The parts that routes work with. `cpu` runs what would hold up the event loop: mapping artifacts, extraction, encoding.
 
     once: the store of meshes that are not kept (`backend.once`). access: who may do what. renderer_fault: why the renderer did not start,
-    for people; None when it draws.
+    for people; None when it draws. probe: the queue's Redis, for those who ask how it is and do not wait long.
     """
 
     settings: ServiceSettings
     store: Store
     once: Store
     queue: JobQueue
+    probe: redis.Redis
     meshes: Meshes
     assets: AssetCache
     renderer: Renderer
     pictures: PictureCache
     cpu: Slots
     access: Access
+    readiness: Readiness
     renderer_fault: str | None
 
     @property

@@ -90,7 +90,7 @@ def test_make_targets_named_in_the_readme_exist(target):
 
 def test_command_help_teaches_every_command():
     top = subprocess.run([sys.executable, "-m", "client.cli", "--help"], capture_output=True, text=True, check=True).stdout
-    for command in ("serve", "worker", "demo", "upload", "render", "silhouette", "keys", "sign"):
+    for command in ("serve", "worker", "demo", "doctor", "upload", "render", "silhouette", "keys", "sign"):
         assert command in top
 
 
@@ -99,3 +99,18 @@ def test_every_code_of_a_refused_upload_is_documented():
 
     text = (DOCS / "api.md").read_text()
     assert [code for code in sorted(CODES) if f"`{code}`" not in text] == []
+
+
+def test_the_page_about_operation_has_every_metric_and_no_other():
+    sources = [path.read_text() for path in (ROOT / "service" / "observing").glob("*.py")]
+    named = {name for text in sources for name in re.findall(r'"(silhouette_[a-z_]+)"', text)}
+    documented = set(re.findall(r"`(silhouette_[a-z_]+)`", (DOCS / "observability.md").read_text()))
+    assert len(named) > 12
+    assert {name.removesuffix("_total") for name in documented} == named
+
+
+def test_the_page_about_operation_has_every_check_of_readiness():
+    from service.routes.health import CHECKS
+
+    text = (DOCS / "observability.md").read_text()
+    assert [name for name in CHECKS if name not in text] == []

@@ -26,6 +26,7 @@ from rq.timeouts import JobTimeoutException
 
 from backend import records
 from backend.artifacts import identity_of, write_artifact
+from backend.counts import count_end, count_start
 from backend.manifests import failed_record
 from backend.pace import Paced
 from backend.problems import problem_of
@@ -66,8 +67,11 @@ def run_stage(mesh_id: str, stage: str) -> None:
         return
     try:
         report(jobs, mesh_id, stage, 0.0)
-        if records.read_stage(jobs.store, mesh_id, stage) is None and run_and_record(jobs, mesh_id, stage) is None:
-            return  # the reconciler starts it again
+        if records.read_stage(jobs.store, mesh_id, stage) is None:
+            count_start(jobs.redis, stage)
+            if (record := run_and_record(jobs, mesh_id, stage)) is None:
+                return  # the reconciler starts it again
+            count_end(jobs.redis, record)
         report(jobs, mesh_id, stage, 1.0)
         jobs.advance(mesh_id)
     except CancelledError:

@@ -13,8 +13,10 @@ import ctypes
 import logging
 import os
 import signal
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from functools import partial
+from types import FrameType
 from typing import Any
 
 import redis
@@ -24,7 +26,9 @@ from rq.job import Job, JobStatus
 from rq.queue import Queue
 from rq.serializers import JSONSerializer
 
+from backend.logs import bound
 from backend.queue import JobQueue, StageQueue
+from backend.tracing import REQUEST, open_tracing
 from schemas.errors import SilhouetteError
 from schemas.jobs import LATER_QUEUE, ONCE_QUEUE
 from worker.settings import WorkerSettings
@@ -52,6 +56,7 @@ class StageWorker(Worker):
     def __init__(self, jobs: JobQueue, settings: WorkerSettings, *, reader: bool = False) -> None:
         self._jobs = jobs
         self._settings = settings
+        self._returns_job = False
         self.asides = Asides()
         super().__init__(
             [jobs.once] if reader else [jobs.queue, jobs.later],
@@ -88,6 +93,36 @@ class StageWorker(Worker):
             os.nice(LOWEST_PRIORITY)
         super().main_work_horse(job, queue)
 
+    def perform_job(self, job: Job, queue: Queue, execution: Execution) -> bool:
+        """RQ's own; log lines and traces say which request the job comes from."""
+        with seen_from_outside(job, self._settings):
+            return bool(super().perform_job(job, queue, execution))
+
+    def handle_warm_shutdown_request(self) -> None:
+        """Told to stop: a job that runs may end within `stop_grace_s`; then it is stopped, and goes back to the queue."""
+        super().handle_warm_shutdown_request()
+        patience = threading.Timer(self._settings.stop_grace_s, self._stop_job)
+        patience.daemon = True
+        patience.start()
+
+    def request_force_stop(self, signum: int, frame: FrameType | None) -> None:
+        """Told again: the job is stopped now. RQ's own ends the worker, too, and leaves the job to be missed."""
+        self._stop_job()
+
+    def _stop_job(self) -> None:
+        if self.horse_pid:
+            self._returns_job = True
+            self.kill_horse()
+
+    def _return_job(self, job: Job, queue: Queue, execution: Execution | None) -> None:
+        """Put a job that was stopped on purpose in front of its queue, at once and with no attempt less."""
+        with self.connection.pipeline() as pipe:
+            self.cleanup_execution(job, pipeline=pipe, execution=execution)
+            job.set_status(JobStatus.QUEUED, pipeline=pipe)
+            queue.push_job_id(job.id, pipeline=pipe, at_front=True)
+            pipe.execute()
+        log.info("returned a job that had not ended", extra={"job": job.id})
+
     def prepare_job_execution(self, job: Job, remove_from_intermediate_queue: bool = True) -> None:
         """RQ's own, but the job leaves the intermediate list of its queue, as if there were only one queue (`StageQueue.lpop`)."""
         super().prepare_job_execution(job, remove_from_intermediate_queue=True)
@@ -95,7 +130,10 @@ class StageWorker(Worker):
     def handle_job_failure(
         self, job: Job, queue: Queue, started_job_registry: Any = None, exc_string: str = "", execution: Execution | None = None
     ) -> None:
-        """RQ's own; after the last attempt the mesh is told at once."""
+        """RQ's own; after the last attempt the mesh is told at once. A job that this worker stopped to end itself has not failed."""
+        if self._returns_job:
+            self._return_job(job, queue, execution)
+            return
         super().handle_job_failure(job, queue, started_job_registry, exc_string, execution)
         if queue.name == ONCE_QUEUE:  # whoever waits stops waiting
             return
@@ -136,6 +174,19 @@ class Asides:
         """Whether one of them still runs."""
         self._running = [child for child in self._running if not os.waitpid(child, os.WNOHANG)[0]]
         return bool(self._running)
+
+
+@contextlib.contextmanager
+def seen_from_outside(job: Job, settings: WorkerSettings) -> Iterator[None]:
+    """Inside the block log lines have the job's request and what it is about, and a trace goes on. For a process with one job."""
+    carried = {name: str(value) for name, value in (job.meta or {}).items()}
+    about = dict(zip(("mesh", "stage"), job.args, strict=False)) if job.origin != ONCE_QUEUE else {"token": job.args[0]}
+    told = about | {name: carried[name] for name in (REQUEST,) if name in carried}
+    with bound(**told), contextlib.ExitStack() as held:
+        if (tracing := open_tracing("worker", settings.trace_endpoint)) is not None:
+            held.callback(tracing.close)
+            held.enter_context(tracing.root(about.get("stage", "read"), carried, **told))
+        yield
 
 
 def die_with_parent() -> None:

@@ -1,4 +1,4 @@
-"""Commands that run the service: serve, worker, demo."""
+"""Commands that run the service or look whether it would run: serve, worker, demo, doctor."""
 
 from __future__ import annotations
 
@@ -50,6 +50,23 @@ def demo(
     `silhouette demo` or `silhouette demo bunny.ply --out /tmp/bunny`
     """
     run_demo(mesh, folder, out)
+
+
+def doctor(
+    host: Annotated[str | None, typer.Option(help="Address that is to be listened on.")] = None,
+    port: Annotated[int | None, typer.Option(help="Port that is to be listened on.")] = None,
+    data_dir: Annotated[Path | None, typer.Option(help="Folder of everything that is kept.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
+) -> None:
+    """Check this machine and the settings: drawing, queue, store, limits, port; say how to mend what is wrong.
+
+    Exit code 1 where the service would not work.
+
+    `silhouette doctor` or `silhouette doctor --json | jq .ok`
+    """
+    flags = {"--host": host, "--port": port, "--data-dir": data_dir}
+    given = [text for flag, value in flags.items() if value is not None for text in (flag, str(value))]
+    _become("service.doctor", [*given, *(["--json"] if as_json else [])])
 
 
 def _become(module: str, arguments: list[str]) -> NoReturn:

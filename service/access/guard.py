@@ -21,6 +21,7 @@ from service.access.scopes import OPEN, is_picture, scope_of
 from service.access.tokens import has_expired, is_secret_of, parse_token
 from service.draining import drain
 from service.errors import error_response
+from service.request_record import current_request
 
 UNKNOWN_KEY = "This API key is not known here; it may have been revoked."
 EXPIRED_KEY = "This API key has expired."
@@ -45,6 +46,7 @@ class AccessGuard:
             try:
                 caller, scope = await self._recognised(access, dict(scope))
                 if caller.key is not None:
+                    _note(caller.key)
                     await _count(access, caller, scope["path"], held, headers)
             except SilhouetteError as error:
                 await _refuse(error, headers, scope, receive, send)
@@ -85,6 +87,11 @@ async def _holder(access: Access, token: str | None) -> KeyRecord:
     if has_expired(record):
         raise UnauthorizedError(EXPIRED_KEY)
     return record
+
+
+def _note(key: KeyRecord) -> None:
+    if (record := current_request()) is not None:
+        record.key = key.id
 
 
 async def _count(access: Access, caller: Caller, path: str, held: ExitStack, headers: dict[str, str]) -> None:

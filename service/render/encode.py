@@ -10,6 +10,7 @@ import numpy as np
 from isal import isal_zlib
 from PIL import Image
 
+from backend.tracing import span
 from schemas.conventions import U1
 from schemas.render import ImageFormat
 from service.kernels import compositing
@@ -24,6 +25,11 @@ _SUB = 1
 
 def encode(pixels: U1, image_format: ImageFormat) -> bytes:
     """Encode (h, w, 4) u1 sRGB pixels with straight alpha, row 0 at the top. JPEG, which has no alpha, lies on white."""
+    with span("encode", format=image_format.value):
+        return _encoded(pixels, image_format)
+
+
+def _encoded(pixels: U1, image_format: ImageFormat) -> bytes:
     if image_format is ImageFormat.PNG:
         return _png(pixels)
     if image_format is ImageFormat.RAW:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import moderngl
 
+from backend.tracing import span
 from schemas.conventions import U1
 from schemas.render import RenderRequest, ShadingMode
 from service.assets import MeshAsset
@@ -184,7 +185,8 @@ def render_frame(gpu: Gpu, asset: MeshAsset, request: RenderRequest, *, true_tim
 def render_view(gpu: Gpu, asset: MeshAsset, request: RenderRequest, view: View, *, true_times: bool = False) -> RenderedImage:
     """The same for a camera that has been resolved already; that of the request is not looked at."""
     start, before = time.perf_counter(), gpu.gl.work
-    plan = plan_frame(request, asset, view, gpu.costs)
+    with span("plan"):
+        plan = plan_frame(request, asset, view, gpu.costs)
     background = None if request.background == "transparent" else parse_color(request.background)
     frame = FrameState(gpu, asset, request, plan, view, background, area=plan.area)
     if frame.area.width:

@@ -10,10 +10,12 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from contextvars import Context, copy_context
+from dataclasses import dataclass, field
 
 import moderngl
 
+from backend.tracing import add_passes, span
 from schemas.errors import BusyError
 from schemas.render import RenderRequest
 from service.assets import MeshAsset
@@ -56,6 +58,7 @@ class Drawing(Future[RenderedImage]):
 class _Job:
     future: Drawing
     draw: Draw
+    context: Context = field(default_factory=copy_context)
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ class Renderer:
 
     queue_depth: frames that may wait. gpu_cache_mib: of meshes and maps kept in the GL. true_times: see `render_frame`.
     limit_s: longest that a frame may take, its waiting included.
+
+    renewals: GL contexts that were made because one failed. held_bytes: of meshes and maps, after the last frame.
     """
 
     def __init__(self, queue_depth: int = 8, gpu_cache_mib: int = 512, *, true_times: bool = False, limit_s: float = float("inf")) -> None:
@@ -81,6 +86,9 @@ class Renderer:
         self._lock = threading.Lock()
         self._typical_s = FIRST_GUESS_S
         self._costs: CostModel | None = None
+        self._is_lost = False
+        self.renewals = 0
+        self.held_bytes = 0
 
     def start(self) -> None:
         """Make the context and begin to draw. Raises EglUnavailableError."""
@@ -101,6 +109,11 @@ class Renderer:
     def waiting(self) -> int:
         """Frames that wait."""
         return len(self._jobs)
+
+    @property
+    def can_draw(self) -> bool:
+        """Whether its thread runs and has a GL, or has not yet failed to make one."""
+        return self._open and self._thread is not None and self._thread.is_alive() and not self._is_lost
 
     def close(self) -> None:
         """Finish the frame under way, cancel those that wait, give the context back."""
@@ -173,12 +186,16 @@ class Renderer:
                 if self._gpu is not None:
                     self._gpu.cache.drop(job.asset_id)
             elif job.future.set_running_or_notify_cancel():
-                self._serve(job)
+                job.context.run(self._serve, job)
+            if self._gpu is not None:
+                self.held_bytes = self._gpu.cache.nbytes + self._gpu.hulls.nbytes
         self._give_back()
 
     def _serve(self, job: _Job) -> None:
         try:
-            image = self._drawn(job)
+            with span("draw") as traced:
+                image = self._drawn(job)
+                add_passes(traced, image.passes)
         except StoppedError:
             job.future.set_exception(BusyError("The service could not answer in time; try again in a moment."))
         except Exception as error:
@@ -207,7 +224,10 @@ class Renderer:
         try:
             self._gpu = Gpu(self._cache_mib, self._costs)
         except (EglUnavailableError, *GL_FAULTS) as error:
+            self._is_lost = True
             raise BusyError("the GL is gone") from error
+        self._is_lost = False
+        self.renewals += 1
         return self._gpu
 
     def _give_back(self) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import redis
@@ -22,9 +25,10 @@ async def healthz() -> dict[str, str]:
 
 
 @router.get("/readyz", responses={503: {"description": "Something it needs is missing; `checks` says what"}})
-def readyz(parts: Parts, response: Response) -> dict[str, Any]:
+async def readyz(parts: Parts, response: Response) -> dict[str, Any]:
     """200 when a request would succeed: the queue answers, the store can be written, the renderer draws."""
-    checks = check(parts)
+    answers = await asyncio.gather(*(parts.readiness.ask(name, partial(look, parts)) for name, look in CHECKS.items()))
+    checks = dict(zip(CHECKS, answers, strict=True))
     ready = all(answer == OK for answer in checks.values())
     if not ready:
         response.status_code = 503
@@ -33,14 +37,9 @@ def readyz(parts: Parts, response: Response) -> dict[str, Any]:
     return {"status": "ready" if ready else "not ready", "checks": checks}
 
 
-def check(parts: Services) -> dict[str, str]:
-    """Each thing a request needs: "ok", or what is wrong with it. Blocks."""
-    return {"queue": _queue(parts), "store": _store(parts), "renderer": parts.renderer_fault or OK}
-
-
 def _queue(parts: Services) -> str:
     try:
-        parts.queue.redis.ping()
+        parts.probe.ping()
     except redis.RedisError:
         return "the queue server does not answer"
     return OK
@@ -54,3 +53,13 @@ def _store(parts: Services) -> str:
     except (OSError, SilhouetteError):
         return "the store cannot be written"
     return OK
+
+
+def _renderer(parts: Services) -> str:
+    if parts.renderer_fault is not None:
+        return parts.renderer_fault
+    return OK if parts.renderer.can_draw else "the renderer has stopped, or its GL is gone"
+
+
+CHECKS: dict[str, Callable[[Services], str]] = {"queue": _queue, "store": _store, "renderer": _renderer}
+"""Each thing a request needs: looks, blocking, and says "ok" or what is wrong with it."""

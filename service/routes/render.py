@@ -99,8 +99,8 @@ async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts:
         return answer
     if kept := parts.pictures.get(tag):
         return _answer(kept, wanted, tag, cache_control, CACHED)
-    async with parts.pictures.alone(tag):
-        if kept := parts.pictures.get(tag):
+    async with parts.pictures.alone(tag) as kept:
+        if kept is not None:
             return _answer(kept, wanted, tag, cache_control, CACHED)
         picture, timing = await _drawn(manifest, wanted, request, parts)
         if wanted.accuracy.budget_ms is None:  # what fits a budget changes as costs are learned

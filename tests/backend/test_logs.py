@@ -1,8 +1,9 @@
 import json
 import logging
 import sys
+from contextvars import copy_context
 
-from backend.logs import JsonFormatter
+from backend.logs import JsonFormatter, bind, bound, bound_values
 
 
 def line(**values):
@@ -33,3 +34,20 @@ def test_a_trace_stays_within_its_line():
 
 def test_values_that_are_not_json_are_written_as_text():
     assert line(msg="x", where=set)["where"] == "<class 'set'>"
+
+
+def test_what_is_bound_is_said_by_every_line_inside_and_by_none_after():
+    with bound(request="r1"), bound(mesh="m1"):
+        inside = line(msg="x", stage="load")
+    assert (inside["request"], inside["mesh"], inside["stage"]) == ("r1", "m1", "load")
+    assert not {"request", "mesh"} & line(msg="x").keys()
+
+
+def test_what_is_bound_goes_with_a_copied_context_and_not_back():
+    def bind_more():
+        bind(mesh="m1")
+        return dict(bound_values())
+
+    with bound(request="r1"):
+        assert copy_context().run(bind_more) == {"request": "r1", "mesh": "m1"}
+        assert dict(bound_values()) == {"request": "r1"}

@@ -8,7 +8,13 @@ from service.app import create_app
 from service.settings import ServiceSettings
 
 WRITES = {("POST", "/v1/meshes"), ("DELETE", "/v1/meshes/{mesh_id}"), ("POST", "/v1/render"), ("POST", "/v1/silhouette")}
-ADMINISTERS = {("GET", "/v1/keys"), ("POST", "/v1/keys"), ("GET", "/v1/keys/{key_id}"), ("DELETE", "/v1/keys/{key_id}")}
+ADMINISTERS = {
+    ("GET", "/v1/keys"),
+    ("POST", "/v1/keys"),
+    ("GET", "/v1/keys/{key_id}"),
+    ("DELETE", "/v1/keys/{key_id}"),
+    ("GET", "/metrics"),
+}
 READS_BY_POST = {
     ("POST", "/v1/meshes/{mesh_id}/render"),
     ("POST", "/v1/meshes/{mesh_id}/silhouette"),

@@ -1,0 +1,103 @@
+"""A worker that is told to stop ends what it can in time, and returns the rest."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rq.job import Job
+from rq.serializers import JSONSerializer
+
+from backend import records
+from backend.counts import queue_depths
+from tests.backend.accepting import accept
+from tests.worker.test_jobs import ENVIRONMENT, SMALL, large, ply, sphere, stage_runs, start, wait_for
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def backend(tmp_path):
+    """(backend, queue) without a worker."""
+    backend, queue = start(tmp_path, 0)
+    yield backend, queue
+    backend.stop()
+
+
+def worker(backend, grace_s):
+    environment = ENVIRONMENT | {
+        "SILHOUETTE_DATA_DIR": str(backend.data_dir),
+        "SILHOUETTE_REDIS_URL": backend.redis_url,
+        "SILHOUETTE_STOP_GRACE_S": str(grace_s),
+    }
+    return subprocess.Popen([sys.executable, "-m", "worker"], cwd=ROOT, env={**os.environ, **environment}, stderr=subprocess.DEVNULL)
+
+
+def running(queue):
+    return queue_depths(queue.redis, queue)["silhouette"].running
+
+
+@pytest.mark.heavy
+def test_a_stage_that_outlasts_the_grace_is_returned_at_once_with_no_attempt_less(backend):
+    backend, queue = backend
+    mesh_id = accept(queue.store, large(), name="a.ply", texels=256)
+    queue.advance(mesh_id)
+    with worker(backend, 0.3) as first:
+        wait_for(lambda: stage_runs(queue, mesh_id, "hull"))
+        attempts = Job.fetch(f"{mesh_id}-hull", connection=queue.redis, serializer=JSONSerializer).retries_left
+        asked = time.monotonic()
+        first.send_signal(signal.SIGTERM)
+        assert first.wait(20.0) == 0
+        took = time.monotonic() - asked
+    assert took < 6.0
+    assert queue.queue.get_job_ids()[0] == f"{mesh_id}-hull"
+    assert running(queue) == 0
+    assert Job.fetch(f"{mesh_id}-hull", connection=queue.redis, serializer=JSONSerializer).retries_left == attempts
+    queue.progress.clear(mesh_id)
+    with worker(backend, 0.3) as second:
+        started = time.monotonic()
+        wait_for(lambda: stage_runs(queue, mesh_id, "hull"), 60.0)
+        assert time.monotonic() - started < 14.0, "not after a heartbeat that is missed"
+        second.kill()
+
+
+def test_a_stage_that_ends_within_the_grace_is_not_done_again(backend):
+    backend, queue = backend
+    mesh_id = accept(queue.store, ply(sphere(3)), name="a.ply", **SMALL)
+    queue.advance(mesh_id)
+    with worker(backend, 60.0) as only:
+        wait_for(lambda: queue.progress.read(mesh_id))
+        only.send_signal(signal.SIGTERM)
+        assert only.wait(90.0) == 0
+    assert records.read_stage(queue.store, mesh_id, "load").outcome == "done"
+    assert running(queue) == 0
+    assert f"{mesh_id}-load" not in queue.queue.get_job_ids()
+
+
+def test_a_second_signal_does_not_wait_for_the_grace_and_returns_the_job_too(backend):
+    backend, queue = backend
+    mesh_id = accept(queue.store, large(), name="a.ply", texels=256)
+    queue.advance(mesh_id)
+    with worker(backend, 300.0) as only:
+        wait_for(lambda: running(queue) and queue.progress.read(mesh_id))
+        only.send_signal(signal.SIGTERM)
+        time.sleep(0.2)
+        only.send_signal(signal.SIGTERM)
+        assert only.wait(20.0) == 0
+    assert running(queue) == 0
+    assert queue.queue.get_job_ids()
+    assert all(job_id.startswith(mesh_id) for job_id in queue.queue.get_job_ids())
+
+
+def test_an_idle_worker_stops_at_once(backend):
+    backend, queue = backend
+    with worker(backend, 300.0) as only:
+        wait_for(lambda: queue.redis.scard("rq:workers"))
+        time.sleep(1.0)
+        asked = time.monotonic()
+        only.send_signal(signal.SIGTERM)
+        assert only.wait(20.0) == 0
+        assert time.monotonic() - asked < 5.0
