@@ -21,7 +21,7 @@ LOAD = "load"
 
 def store_of(store: Store) -> Store:
     """The store of the meshes that are not kept."""
-    return Store(store.root / FOLDER)
+    return store.under(FOLDER)
 
 
 def put(store: Store, upload: Path) -> str:
@@ -44,13 +44,16 @@ def answer(store: Store, token: str) -> StageRecord | None:
 def forget(store: Store, token: str) -> None:
     """Delete everything of it."""
     store.delete(keys.upload(token))
-    store.delete_prefix(f"{keys.MESHES}{token}/")
+    store.delete_prefix(keys.folder(token))
 
 
 def sweep(store: Store, age_s: float) -> None:
     """Delete what has been there for longer than any request takes, temporary files too."""
     store.sweep_temporary(age_s)
-    for folder in (keys.UPLOADS, keys.MESHES):
-        for token in list(store.children(folder)):
-            if time.time() - (store.root / folder / token).stat().st_mtime > age_s:
-                forget(store, token)
+    newest: dict[str, float] = {}
+    for entry in store.entries():
+        token = entry.key.split("/")[1]
+        newest[token] = max(entry.written, newest.get(token, entry.written))
+    for token, written in newest.items():
+        if time.time() - written > age_s:
+            forget(store, token)

@@ -15,6 +15,7 @@ STATUS: dict[type[errors.SilhouetteError], tuple[int, str]] = {
     errors.NotFoundError: (404, "Not found"),
     errors.NotReadyError: (409, "Not ready yet"),
     errors.BusyError: (503, "The service is busy"),
+    errors.StoreUnavailableError: (503, "The object store does not answer"),
     errors.UnauthorizedError: (401, "A key is needed"),
     errors.ForbiddenError: (403, "Not allowed"),
     errors.QuotaError: (429, "Over the key's quota"),

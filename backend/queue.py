@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from enum import Enum
+from pathlib import Path
 from typing import Any, cast
 
 import redis
@@ -30,6 +31,7 @@ from backend.problems import BROKEN, problem_of
 from backend.progress import Progress
 from backend.settings import BackendSettings
 from backend.store import Store
+from backend.stores import open_store
 from schemas import keys
 from schemas.errors import CancelledError, SilhouetteError
 from schemas.jobs import LATER_QUEUE, LATER_STAGES, ONCE_QUEUE, QUEUE, READ_MESH, RUN_STAGE, STAGES
@@ -44,10 +46,24 @@ RESULT_S = 60
 RECONCILE_LOCK = "silhouette:reconciling"
 
 
-def connect(url: str) -> redis.Redis:
-    """A connection pool for `redis://`, `rediss://` or `unix://`. One quick second try, then errors are the caller's."""
+def connect(url: str, password_file: Path | None = None, ca_file: Path | None = None) -> redis.Redis:
+    """A connection pool for `redis://`, `rediss://` or `unix://`. One quick second try, then errors are the caller's.
+
+    password_file: its first line is the password. ca_file: certificates that the server's is to be signed by, instead of the system's.
+    """
     retry = RedisRetry(ConstantBackoff(0.05), 1)
-    return redis.Redis.from_url(url, socket_timeout=SOCKET_TIMEOUT_S, socket_connect_timeout=5.0, retry=retry)
+    more = connection_options(url, password_file, ca_file)
+    return redis.Redis.from_url(url, socket_timeout=SOCKET_TIMEOUT_S, socket_connect_timeout=5.0, retry=retry, **more)
+
+
+def connection_options(url: str, password_file: Path | None, ca_file: Path | None) -> dict[str, Any]:
+    """What any of redis-py's connections is to be told besides the URL."""
+    options: dict[str, Any] = {}
+    if password_file is not None:
+        options["password"] = password_file.read_text().partition("\n")[0].strip()
+    if ca_file is not None and url.startswith("rediss://"):
+        options["ssl_ca_certs"] = str(ca_file)
+    return options
 
 
 class StageQueue(Queue):
@@ -119,8 +135,8 @@ class JobQueue:
         if settings.redis_url is None:
             raise ValueError("SILHOUETTE_REDIS_URL is not set")
         return cls(
-            connect(settings.redis_url),
-            Store(settings.store_dir),
+            connect(settings.redis_url, settings.redis_password_file, settings.redis_ca_file),
+            open_store(settings),
             measure=settings.measure,
             stage_timeout_s=settings.stage_timeout_s,
             attempts=settings.stage_attempts,
@@ -157,8 +173,12 @@ class JobQueue:
 
     def reconcile_in_turn(self, interval_s: float) -> None:
         """`reconcile`, unless some process has done so within the last `interval_s`."""
-        if self.redis.set(RECONCILE_LOCK, 1, nx=True, px=max(1, int(interval_s * 1000))):
+        if self.has_turn(interval_s):
             self.reconcile()
+
+    def has_turn(self, interval_s: float) -> bool:
+        """Whether nobody has had the turn to reconcile within the last `interval_s`; it is the caller's then. Raises redis.RedisError."""
+        return bool(self.redis.set(RECONCILE_LOCK, 1, nx=True, px=max(1, int(interval_s * 1000))))
 
     def cancel(self, mesh_id: str) -> bool:
         """Delete a mesh: its acceptance, files and waiting jobs. False when there was no such mesh.
@@ -222,18 +242,19 @@ class JobQueue:
                     pipe.execute()
 
     def _unsettled(self) -> Iterator[str]:
-        """Ids of accepted meshes that have stages to go. What has none is remembered by its manifest: one look at a file each time."""
+        """Ids of accepted meshes that have stages to go. What has none is remembered by its manifest."""
         settled: dict[str, str] = {}
-        for mesh_id, version in records.manifests(self.store):
-            if version is not None and (not self.measure or self._settled.get(mesh_id) == version or self._is_settled(mesh_id)):
+        for mesh_id, found in records.outlines(self.store):
+            version = found.get(keys.MANIFEST)
+            if version is not None and (not self.measure or self._settled.get(mesh_id) == version or self._is_settled(mesh_id, found)):
                 settled[mesh_id] = version
-            elif records.is_accepted(self.store, mesh_id):
+            elif keys.ACCEPTED in found:
                 yield mesh_id
         self._settled = settled
 
-    def _is_settled(self, mesh_id: str) -> bool:
-        """Whether an ended mesh has failed or been through the later stages."""
-        if all(self.store.exists(keys.stage_record(mesh_id, stage)) for stage in LATER_STAGES):
+    def _is_settled(self, mesh_id: str, found: Collection[str]) -> bool:
+        """Whether an ended mesh, of which these records were found, has failed or been through the later stages."""
+        if all(keys.stage_name(stage) in found for stage in LATER_STAGES):
             return True
         manifest = records.read_manifest(self.store, mesh_id)
         return manifest is not None and manifest.status == "failed"

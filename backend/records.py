@@ -2,6 +2,17 @@
 
 Two locks keep acceptance, publication and deletion apart, always taken in this order: the upload's, then the mesh's.
 After `forget` nothing of a mesh can be written any more, unless it is accepted again.
+
+On many machines a lock is a lease (`backend.leases`), and a process that was stopped at the wrong moment may write one thing after it
+has lost it. What each such write can do:
+
+accept   puts an upload under the hash of its bytes, and a record only where there is none: never anything wrong.
+publish  puts artifacts whose bytes follow from the mesh's id, and a manifest only where there is none. Of a mesh that is accepted they
+         are right, whoever writes them; of one that was deleted meanwhile nobody looks at them, `accept` clears them away before the
+         mesh is accepted again, and `sweep` some day.
+forget   deletes the acceptance first: done late, that is a deletion whose caller has not been answered yet. Done late, deleting what
+         is behind it could take artifacts, or the upload, from a mesh that was accepted anew meanwhile; nothing is published of it that
+         is not whole, but it may fail and have to be uploaded again. So every batch of deletions looks at the lease first.
 """
 
 from __future__ import annotations
@@ -17,9 +28,15 @@ from pydantic import BaseModel, ValidationError
 from backend.store import Store
 from schemas import keys
 from schemas.errors import CancelledError, CorruptArtifactError, NotFoundError
+from schemas.jobs import LATER_STAGES
 from schemas.manifest import Accepted, Manifest, StageRecord
 
 log = logging.getLogger(__name__)
+OUTLINE = frozenset({keys.ACCEPTED, keys.MANIFEST, *map(keys.stage_name, LATER_STAGES)})
+
+_uploads: dict[str, str] = {}
+"""Uploads of meshes by their ids, which say what they are made of: what was read once stays true."""
+
 R = TypeVar("R", bound=BaseModel)
 
 
@@ -32,6 +49,9 @@ def accept(store: Store, accepted: Accepted, upload: Path) -> bool:
         if not store.exists(keys.upload(accepted.upload_sha256)):
             store.put_file(keys.upload(accepted.upload_sha256), upload)
         with store.locked(keys.accepted(accepted.id)):
+            if is_accepted(store, accepted.id):
+                return False
+            store.delete_prefix(keys.folder(accepted.id))  # what a deletion that was interrupted left
             return store.put_bytes(keys.accepted(accepted.id), _json(accepted), create_only=True)
 
 
@@ -56,10 +76,12 @@ def list_accepted(store: Store) -> Iterator[Accepted]:
             log.exception("unreadable acceptance record", extra={"mesh": mesh_id})
 
 
-def manifests(store: Store) -> Iterator[tuple[str, str | None]]:
-    """All ids, those of meshes being deleted among them, each with the version of its manifest; None where it has none."""
-    for mesh_id in store.children(keys.MESHES):
-        yield mesh_id, store.version(keys.manifest(mesh_id))
+def outlines(store: Store) -> Iterator[tuple[str, dict[str, str]]]:
+    """All ids, those of meshes being deleted among them, with the versions of their acceptance, manifest and later stages' records.
+
+    By the names of `schemas.keys`; what there is not of a mesh is missing.
+    """
+    return store.versions(keys.MESHES, OUTLINE)
 
 
 @contextmanager
@@ -109,7 +131,7 @@ def forget(store: Store, mesh_id: str) -> bool:
         return False
     with store.locked(keys.upload(upload)):
         existed = _forget_mesh(store, mesh_id)
-        if upload not in _uploads_in_use(store):
+        if not _is_used(store, upload):
             store.delete(keys.upload(upload))
     return existed
 
@@ -117,26 +139,37 @@ def forget(store: Store, mesh_id: str) -> bool:
 def sweep(store: Store, temporary_age_s: float) -> None:
     """Remove what interrupted calls left: old temporary files, meshes and uploads without an acceptance record."""
     store.sweep_temporary(temporary_age_s)
-    for mesh_id in list(store.children(keys.MESHES)):
+    found = dict(outlines(store))
+    for mesh_id in (mesh_id for mesh_id, names in found.items() if keys.ACCEPTED not in names):
         with store.locked(keys.accepted(mesh_id)):
             if not is_accepted(store, mesh_id):
-                store.delete_prefix(f"{keys.MESHES}{mesh_id}/")
-    in_use = _uploads_in_use(store)
+                store.delete_prefix(keys.folder(mesh_id))
+    in_use = {_upload_of(store, mesh_id) for mesh_id, names in found.items() if keys.ACCEPTED in names}
     for upload in set(store.children(keys.UPLOADS)) - in_use:
         with store.locked(keys.upload(upload)):
-            if upload not in _uploads_in_use(store):
+            if not _is_used(store, upload):
                 store.delete(keys.upload(upload))
 
 
 def _forget_mesh(store: Store, mesh_id: str) -> bool:
     with store.locked(keys.accepted(mesh_id)):
         existed = store.delete(keys.accepted(mesh_id))
-        store.delete_prefix(f"{keys.MESHES}{mesh_id}/")
+        store.delete_prefix(keys.folder(mesh_id))
         return existed
 
 
-def _uploads_in_use(store: Store) -> set[str]:
-    return {accepted.upload_sha256 for accepted in list_accepted(store)}
+def _is_used(store: Store, upload: str) -> bool:
+    """Whether an accepted mesh has this upload."""
+    return any(_upload_of(store, mesh_id) == upload and is_accepted(store, mesh_id) for mesh_id in store.children(keys.MESHES))
+
+
+def _upload_of(store: Store, mesh_id: str) -> str | None:
+    if mesh_id not in _uploads:
+        try:
+            _uploads[mesh_id] = read_accepted(store, mesh_id).upload_sha256
+        except (NotFoundError, CorruptArtifactError):
+            return None
+    return _uploads[mesh_id]
 
 
 def _json(record: BaseModel) -> bytes:

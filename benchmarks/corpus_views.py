@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from backend import records
+from backend.local_store import LocalStore
 from backend.settings import BackendSettings
-from backend.store import Store
 from geometry.silhouettes import silhouette_scalar
 from schemas.conventions import F8, I4, U1, Array
 from schemas.errors import SilhouetteError
@@ -65,7 +65,7 @@ def measure_views(data_dir: Path, mesh_id: str, views: int = VIEWS, side: int = 
     views were refused for.
     Raises RuntimeError when the GL reports an error.
     """
-    store = Store(BackendSettings(data_dir=data_dir).store_dir)
+    store = LocalStore(BackendSettings(data_dir=data_dir).store_dir)
     manifest = records.read_manifest(store, mesh_id)
     assert manifest is not None and manifest.status == "ready"
     asset = load_asset(store, manifest)

@@ -9,6 +9,7 @@
     ├── NotFoundError           no such mesh or artifact                           404
     ├── NotReadyError           accepted, but not processed yet                    409
     ├── BusyError               admission is full, carries retry_after_s           503
+    │   └── StoreUnavailableError   the object store does not answer               503
     ├── UnauthorizedError       no key, or none that is good here                  401
     ├── ForbiddenError          the key may not do this, or the signature is wrong 403
     ├── QuotaError              a key is over its own quota, carries retry_after_s 429
@@ -91,6 +92,15 @@ class BusyError(SilhouetteError):
     def __init__(self, message: str, *, retry_after_s: float = 1.0, **where: Any) -> None:
         super().__init__(message, **where)
         self.retry_after_s = retry_after_s
+
+
+class StoreUnavailableError(BusyError):
+    """The object store, which is another machine, does not answer or refuses us; nothing is lost."""
+
+    code = "store-unavailable"
+
+    def __init__(self, message: str, *, retry_after_s: float = 5.0, **where: Any) -> None:
+        super().__init__(message, retry_after_s=retry_after_s, **where)
 
 
 class UnauthorizedError(SilhouetteError):

@@ -14,6 +14,9 @@ PIPELINE_VERSION = 3
 MESH_ID = re.compile(r"^[0-9a-f]{32}$")
 UPLOADS = "uploads/"
 MESHES = "meshes/"
+ACCEPTED = "accepted.json"
+MANIFEST = "manifest.json"
+"""Names of a mesh's records under its folder."""
 API_KEYS = "keys/"
 
 
@@ -28,28 +31,39 @@ def upload(upload_sha256: str) -> str:
     return f"{UPLOADS}{upload_sha256}"
 
 
+def folder(mesh: str) -> str:
+    """The prefix of everything of a mesh."""
+    return f"{MESHES}{mesh}/"
+
+
+def stage_name(stage: str) -> str:
+    """Name of a stage's record under the mesh's folder."""
+    return f"stages/{stage}.json"
+
+
 def accepted(mesh: str) -> str:
     """The acceptance record (`schemas.manifest.Accepted`), written before 202."""
-    return f"{MESHES}{mesh}/accepted.json"
+    return f"{folder(mesh)}{ACCEPTED}"
 
 
 def stage_record(mesh: str, stage: str) -> str:
     """The record of a finished stage (`schemas.manifest.StageRecord`), written after its artifacts."""
-    return f"{MESHES}{mesh}/stages/{stage}.json"
+    return f"{folder(mesh)}{stage_name(stage)}"
 
 
 def partial(mesh: str, stage: str) -> str:
     """What an interrupted stage had done so far; gone when its record is written."""
-    return f"{MESHES}{mesh}/stages/{stage}.partial"
+    return f"{folder(mesh)}stages/{stage}.partial"
 
 
 def artifact(mesh: str, name: str) -> str:
     """An artifact file; names are in `schemas.artifacts`."""
-    return f"{MESHES}{mesh}/{name}"
+    return f"{folder(mesh)}{name}"
 
 
 def manifest(mesh: str) -> str:
     """The manifest (`schemas.manifest.Manifest`), written last: ready or failed for good."""
+    return f"{folder(mesh)}{MANIFEST}"
     return f"{MESHES}{mesh}/manifest.json"
 
 

@@ -161,8 +161,11 @@ def _close(services: Services) -> None:
 async def _reconcile(services: Services) -> None:
     """Every few seconds bring to the queue what was accepted and is not finished, whatever has been lost meanwhile."""
     settings = services.settings
-    await to_thread.run_sync(records.sweep, services.store, settings.temporary_age_s)
-    await to_thread.run_sync(once.sweep, services.once, settings.temporary_age_s)
+    try:
+        await to_thread.run_sync(records.sweep, services.store, settings.temporary_age_s)
+        await to_thread.run_sync(once.sweep, services.once, settings.temporary_age_s)
+    except (SilhouetteError, OSError) as error:
+        log.warning("what interrupted calls left is not swept: %s", error)
     while True:
         try:
             await to_thread.run_sync(services.queue.reconcile_in_turn, settings.reconcile_interval_s)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import heapq
 import threading
+import time
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
+from typing import TypeVar
 
 from backend import records
 from backend.manifests import loaded_manifest, with_later_stages
@@ -26,6 +29,11 @@ NOT_READY = "The mesh is accepted, but its preprocessing has not ended."
 KEPT = 256
 """Manifests in memory: with what was measured one takes some hundred KiB."""
 
+READ_AT_ONCE = 16
+"""Meshes of a page that are read side by side."""
+
+T = TypeVar("T")
+
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -33,7 +41,9 @@ class Meshes:
     """Reads meshes; all calls do file or Redis I/O and block. Thread-safe.
 
     Acceptance records never change, so they are kept; so are the manifests of meshes that no stage is to be run for any more, as long
-    as their files are the same. `measure`: whether ready meshes go through the later stages here.
+    as their files are the same. Where a look at the store takes milliseconds, a mesh that is ready is looked up every
+    `Store.look_interval_s` only: so much later a replica sees that another has deleted it. `measure`: whether ready meshes go through
+    the later stages here.
     """
 
     def __init__(self, store: Store, progress: Progress, *, measure: bool) -> None:
@@ -42,6 +52,7 @@ class Meshes:
         self._measure = measure
         self._accepted: dict[str, Accepted] = {}
         self._settled: OrderedDict[str, tuple[str, Manifest]] = OrderedDict()
+        self._seen: OrderedDict[str, tuple[float, Manifest]] = OrderedDict()
         self._lock = threading.Lock()
 
     def info(self, mesh_id: str) -> MeshInfo:
@@ -62,6 +73,11 @@ class Meshes:
 
         Raises NotFoundError, NotReadyError, FailedMeshError.
         """
+        with self._lock:
+            looked_s, seen = self._seen.get(mesh_id, (0.0, None))
+        if seen is not None and time.monotonic() - looked_s < self._store.look_interval_s:
+            return seen
+        started_s = time.monotonic()
         self._read_accepted(mesh_id)
         manifest = self._current(mesh_id)
         if manifest is None:
@@ -70,14 +86,17 @@ class Meshes:
             raise FailedMeshError(
                 manifest.error or Problem(title="Preprocessing failed", status=422, detail="The mesh could not be processed.")
             )
+        if manifest.status == "ready" and self._store.look_interval_s:
+            with self._lock:
+                _put(self._seen, mesh_id, (started_s, manifest))
         return manifest
 
     def page(self, limit: int, after: str | None) -> MeshPage:
         """The `limit` meshes behind the place `after` (a `next` of an earlier page), newest first. Raises InvalidRequestError."""
         behind = None if after is None else _parse_place(after)
-        everything = (mesh for mesh in self._all() if behind is None or _place(mesh) < behind)
+        everything = (mesh for mesh in self._each(self._known, self._store.children(MESHES)) if behind is None or _place(mesh) < behind)
         newest = heapq.nlargest(limit + 1, everything, key=_place)
-        infos = [info for mesh in newest[:limit] if (info := self._info_or_none(mesh.id))]
+        infos = list(self._each(self.info, (mesh.id for mesh in newest[:limit])))
         more = len(newest) > limit
         return MeshPage(meshes=infos, next=f"/v1/meshes?limit={limit}&after={_place_text(newest[limit - 1])}" if more else None)
 
@@ -86,6 +105,7 @@ class Meshes:
         self._accepted.pop(mesh_id, None)
         with self._lock:
             self._settled.pop(mesh_id, None)
+            self._seen.pop(mesh_id, None)
 
     def _current(self, mesh_id: str) -> Manifest | None:
         """How far a mesh is, failed ones included; None while it is not even loaded."""
@@ -111,23 +131,25 @@ class Meshes:
 
     def _keep(self, mesh_id: str, version: str, manifest: Manifest) -> None:
         with self._lock:
-            self._settled[mesh_id] = version, manifest
-            self._settled.move_to_end(mesh_id)
-            while len(self._settled) > KEPT:
-                self._settled.popitem(last=False)
+            _put(self._settled, mesh_id, (version, manifest))
 
-    def _all(self) -> Iterator[Accepted]:
-        for mesh_id in self._store.children(MESHES):
+    def _each(self, read: Callable[[str], T], ids: Iterable[str]) -> Iterator[T]:
+        """What is read of each mesh that is not deleted meanwhile; several at a time where reading takes milliseconds."""
+
+        def found(mesh_id: str) -> T | None:
             try:
-                yield self._read_accepted(mesh_id)
-            except NotFoundError:  # deleted meanwhile
-                continue
+                return read(mesh_id)
+            except NotFoundError:
+                return None
 
-    def _info_or_none(self, mesh_id: str) -> MeshInfo | None:
-        try:
-            return self.info(mesh_id)
-        except NotFoundError:
-            return None
+        if not self._store.look_interval_s:
+            return (one for one in map(found, ids) if one is not None)
+        with ThreadPoolExecutor(READ_AT_ONCE) as pool:
+            return (one for one in list(pool.map(found, ids)) if one is not None)
+
+    def _known(self, mesh_id: str) -> Accepted:
+        """The acceptance of a mesh that was accepted once. Raises NotFoundError."""
+        return self._accepted.get(mesh_id) or self._read_accepted(mesh_id)
 
     def _read_accepted(self, mesh_id: str) -> Accepted:
         if not MESH_ID.match(mesh_id) or not records.is_accepted(self._store, mesh_id):
@@ -155,6 +177,14 @@ class Meshes:
             later = LATER_STAGES if self._measure else [name for name in LATER_STAGES if name in by_name]
             stages += [_stage(name, by_name.get(name), running.get(name)) for name in later]
         return _info(accepted, MeshStatus(manifest.status), stages, manifest)
+
+
+def _put(kept: OrderedDict[str, T], mesh_id: str, value: T) -> None:
+    """Keep a value, and of all the latest KEPT."""
+    kept[mesh_id] = value
+    kept.move_to_end(mesh_id)
+    while len(kept) > KEPT:
+        kept.popitem(last=False)
 
 
 def _info(accepted: Accepted, status: MeshStatus, stages: list[Stage], manifest: Manifest | None) -> MeshInfo:

@@ -23,6 +23,8 @@ from service.state import Services
 from service.uploads import Upload, receive_upload
 from service.waiting import Stopwatch, wait_for, wait_until
 
+LOOKS = 0.1
+"""Of the time between two looks at what seldom changes, the part between two at a mesh that a client waits for."""
 NOT_PREPARED = "a mesh that is not kept is not prepared for clipping: upload it to /v1/meshes for that"
 
 
@@ -51,7 +53,7 @@ async def mesh_of(request: Request, parts: Services, beside: Collection[str]) ->
             await to_thread.run_sync(parts.queue.read_once, token, upload.extension, upload.options.model_dump(mode="json"), limit_s)
         except redis.RedisError as error:
             raise BusyError("The queue does not answer; try again in a moment.") from error
-        record = await wait_until(request, lambda: once.answer(store, token), limit_s)
+        record = await wait_until(request, lambda: once.answer(store, token), limit_s, store.look_interval_s * LOOKS)
         manifest = manifest_of(token, record)
         asset = await wait_for(request, parts.cpu.submit(load_asset, store, manifest), limit_s)
         yield OneMesh(asset, upload, clock.ms())

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
+from anyio import to_thread
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
@@ -16,7 +17,8 @@ from schemas.errors import BusyError
 T = TypeVar("T")
 
 LOOK_S = 0.01
-"""Between two looks of `wait_until`."""
+"""Between the first two looks of `wait_until`."""
+SLOWING = 1.25
 ROOM_S = 0.25
 """Between two tries of `admitted`, at most."""
 
@@ -57,20 +59,22 @@ async def admitted(submit: Callable[[], Future[T]], timeout_s: float) -> Future[
             await asyncio.sleep(min(busy.retry_after_s, ROOM_S))
 
 
-async def wait_until(request: Request, look: Callable[[], T | None], timeout_s: float) -> T:
-    """What `look` finds, once it finds something; it is asked again and again, and must not block.
+async def wait_until(request: Request, look: Callable[[], T | None], timeout_s: float, last_look_s: float = LOOK_S) -> T:
+    """What `look` finds, once it finds something; it is asked again and again in a thread, in the end every `last_look_s` seconds.
 
     The body of the request must have been read. Raises ClientDisconnect, BusyError.
     """
     gone = asyncio.ensure_future(_gone(request))
     try:
         deadline = time.monotonic() + timeout_s
-        while (found := look()) is None:
+        look_s = LOOK_S
+        while (found := await to_thread.run_sync(look)) is None:
             if gone.done():
                 raise ClientDisconnect
             if time.monotonic() > deadline:
                 raise BusyError("The service could not answer in time; try again in a moment.")
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(look_s)
+            look_s = min(look_s * SLOWING, max(LOOK_S, last_look_s))
         return found
     finally:
         gone.cancel()

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from backend.artifacts import identity_of, write_artifact
+from backend.local_store import LocalStore
 from backend.store import Store
 from geometry.tile_layout import TileLayout
 from geometry.topology import build_edges
@@ -108,7 +109,7 @@ def warm(renderer: Renderer) -> None:
     clock = Stopwatch()
     try:
         with tempfile.TemporaryDirectory(prefix="silhouette-warm-") as folder:
-            store = Store(Path(folder))
+            store = LocalStore(Path(folder))
             asset = octahedron(store)
             for request in _requests():
                 renderer.submit(asset, request).result()

@@ -17,6 +17,7 @@ from backend import once, records
 from backend.logs import configure_logs
 from backend.queue import JobQueue
 from backend.settings import setting_faults
+from backend.store import Store
 from schemas.jobs import READER_FLAG
 from worker.jobs import STAGE_FUNCTIONS
 from worker.process import StageWorker, die_with_parent
@@ -49,10 +50,16 @@ def main() -> int:
     if settings.warm_kernels:
         warm_in_background(settings.data_dir)
     start_compiler()
-    records.sweep(jobs.store, settings.temporary_age_s)
-    once.sweep(once.store_of(jobs.store), settings.temporary_age_s)
-    StageWorker(jobs, settings, reader=READER_FLAG in sys.argv[1:]).work()
+    worker = StageWorker(jobs, settings, reader=READER_FLAG in sys.argv[1:])
+    worker.asides.start(lambda: sweep(jobs.store, settings.temporary_age_s))
+    worker.work()
     return 0
+
+
+def sweep(store: Store, age_s: float) -> None:
+    """Remove what interrupted calls left."""
+    records.sweep(store, age_s)
+    once.sweep(once.store_of(store), age_s)
 
 
 def wait_for_redis(connection: redis.Redis) -> bool:
@@ -61,6 +68,9 @@ def wait_for_redis(connection: redis.Redis) -> bool:
     while time.monotonic() < deadline:
         try:
             connection.ping()
+        except redis.AuthenticationError:
+            log.error("the queue refuses this worker's password")  # noqa: TRY400
+            return False
         except redis.RedisError:
             time.sleep(0.1)
         else:

@@ -27,11 +27,12 @@ from rq.timeouts import JobTimeoutException
 from backend import records
 from backend.artifacts import identity_of, write_artifact
 from backend.manifests import failed_record
+from backend.pace import Paced
 from backend.problems import problem_of
 from backend.queue import JobQueue
 from backend.store import Store
 from schemas import keys
-from schemas.errors import CancelledError, SilhouetteError, StageFailedError, StorageFullError
+from schemas.errors import CancelledError, SilhouetteError, StageFailedError, StorageFullError, StoreUnavailableError
 from schemas.jobs import LATER_STAGES
 from schemas.manifest import StageRecord
 from worker import stages
@@ -68,23 +69,22 @@ def run_stage(mesh_id: str, stage: str) -> None:
         if records.read_stage(jobs.store, mesh_id, stage) is None and run_and_record(jobs, mesh_id, stage) is None:
             return  # the reconciler starts it again
         report(jobs, mesh_id, stage, 1.0)
+        jobs.advance(mesh_id)
     except CancelledError:
         log.info("stopped: the mesh is gone", extra={"mesh": mesh_id, "stage": stage})
         jobs.progress.clear(mesh_id)
-        return
-    except StorageFullError:  # the reconciler starts the stage again, until there is room
-        log.exception("no room", extra={"mesh": mesh_id, "stage": stage})
-        return
-    jobs.advance(mesh_id)
+    except (StorageFullError, StoreUnavailableError):  # the reconciler starts the stage again, until it can be stored
+        log.exception("not stored", extra={"mesh": mesh_id, "stage": stage})
 
 
 def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | None:
     """Run one stage and publish its result with its record; None when it paused, and is to be started again.
 
-    Raises CancelledError, StorageFullError, and what is nobody's fault.
+    Raises CancelledError, StorageFullError, StoreUnavailableError, and what is nobody's fault.
     """
     started = time.perf_counter()
-    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction), jobs.has_waiting)
+    look = Paced(lambda: check_wanted(jobs.store, mesh_id, stage), jobs.store.look_interval_s)
+    inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction, look), jobs.has_waiting)
     try:
         inputs.progress(0.0)
         result = STAGE_FUNCTIONS[stage](inputs)
@@ -101,7 +101,7 @@ def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | No
                 peak_mib=peak_mib(),
             )
             records.write_stage(jobs.store, mesh_id, record)
-    except (CancelledError, StorageFullError):
+    except (CancelledError, StorageFullError, StoreUnavailableError):
         raise
     except (SilhouetteError, MemoryError, JobTimeoutException) as error:
         record = failed_record(stage, time.perf_counter() - started, problem_of(fault_of(error)))
@@ -123,13 +123,18 @@ def publish(store: Store, mesh_id: str, stage: str, result: Result) -> dict[str,
     return digests
 
 
-def report(jobs: JobQueue, mesh_id: str, stage: str, fraction: float) -> None:
-    """Pass progress on. Raises CancelledError when the stage is no longer wanted: what was passed on is then to be cleared.
+def report(jobs: JobQueue, mesh_id: str, stage: str, fraction: float, look: Callable[[], None] | None = None) -> None:
+    """Pass progress on, then look whether the stage is wanted, by `look` or at once.
+
+    Raises CancelledError when it is not: what was passed on is then to be cleared.
 
     It is passed on first: a mesh that is deleted after the look is cleared by whoever deletes it, one before by the caller.
     """
     jobs.progress.report(mesh_id, stage, fraction)
-    check_wanted(jobs.store, mesh_id, stage)
+    if look is not None:
+        look()
+    else:
+        check_wanted(jobs.store, mesh_id, stage)
 
 
 def check_wanted(store: Store, mesh_id: str, stage: str) -> None:

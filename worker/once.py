@@ -11,11 +11,12 @@ from rq.timeouts import JobTimeoutException
 
 from backend import once, records
 from backend.manifests import failed_record
+from backend.pace import Paced
 from backend.problems import problem_of
 from backend.queue import JobQueue
 from backend.store import Store
 from schemas import keys
-from schemas.errors import CancelledError, SilhouetteError
+from schemas.errors import CancelledError, SilhouetteError, StoreUnavailableError
 from schemas.manifest import StageRecord
 from schemas.mesh import PreprocessOptions
 from worker.jobs import fault_of, publish
@@ -39,6 +40,8 @@ def read(store: Store, token: str, extension: str, options: PreprocessOptions) -
     except CancelledError:
         log.info("stopped: nobody waits", extra={"token": token})
         return
+    except StoreUnavailableError:  # nor can it be told so: whoever waits gives up
+        raise
     except (SilhouetteError, MemoryError, JobTimeoutException) as error:
         log.warning("mesh not read: %s", error, extra={"token": token})
         record = failed_record(once.LOAD, time.perf_counter() - started, problem_of(fault_of(error)))
@@ -48,11 +51,13 @@ def read(store: Store, token: str, extension: str, options: PreprocessOptions) -
 
 
 def _loaded(store: Store, token: str, extension: str, options: PreprocessOptions, started: float) -> StageRecord:
-    def check_wanted(_: float = 0.0) -> None:
+    def check_wanted() -> None:
         if not once.is_wanted(store, token):
             raise CancelledError("nobody waits for the mesh", token=token)
 
     check_wanted()
-    result = loaded(load_mesh(store.local_path(keys.upload(token)), extension, options, progress=check_wanted))
+    look = Paced(check_wanted, store.look_interval_s)
+    upload = store.local_path(keys.upload(token))
+    result = loaded(load_mesh(upload, extension, options, progress=lambda _: look()))
     artifacts = publish(store, token, once.LOAD, result)
     return StageRecord(stage=once.LOAD, outcome="done", artifacts=artifacts, report=result.report, seconds=time.perf_counter() - started)

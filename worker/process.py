@@ -1,5 +1,8 @@
 """The worker process: takes one job at a time off the queue and runs it in a fork of itself.
 
+The process itself never asks the object store, but by children: what a store on other machines needs of a process does not come
+along into a fork (`backend.s3_client`), and each job is one.
+
 The times below make a killed worker's job run again after about 16 s (RQ's own: after minutes).
 """
 
@@ -10,6 +13,8 @@ import ctypes
 import logging
 import os
 import signal
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import redis
@@ -36,7 +41,10 @@ LOWEST_PRIORITY = 19
 
 
 class StageWorker(Worker):
-    """A worker of both queues of stages; when idle it also compares the store with them. reader: of meshes that are not kept instead."""
+    """A worker of both queues of stages; when idle it also compares the store with them. reader: of meshes that are not kept instead.
+
+    asides: what it does beside.
+    """
 
     queue_class = StageQueue
     max_connection_wait_time = RECONNECT_S
@@ -44,6 +52,7 @@ class StageWorker(Worker):
     def __init__(self, jobs: JobQueue, settings: WorkerSettings, *, reader: bool = False) -> None:
         self._jobs = jobs
         self._settings = settings
+        self.asides = Asides()
         super().__init__(
             [jobs.once] if reader else [jobs.queue, jobs.later],
             connection=jobs.redis,
@@ -58,9 +67,10 @@ class StageWorker(Worker):
         return HEARTBEAT_TTL_S
 
     def run_maintenance_tasks(self) -> None:
-        """RQ's own, then enqueue what the store says is due."""
+        """RQ's own, then enqueue what the store says is due, unless that is still going on."""
         super().run_maintenance_tasks()
-        self._jobs.reconcile_in_turn(self._settings.reconcile_interval_s)
+        if not self.asides.busy() and self._jobs.has_turn(self._settings.reconcile_interval_s):
+            self.asides.start(self._jobs.reconcile)
 
     def maintain_heartbeats(self, job: Job, execution: Execution) -> None:
         """RQ's own, which makes the record of an execution again, for some seconds, when its job has just ended."""
@@ -90,8 +100,42 @@ class StageWorker(Worker):
         if queue.name == ONCE_QUEUE:  # whoever waits stops waiting
             return
         with contextlib.suppress(redis.RedisError, SilhouetteError):  # the reconciler will do it
-            if job.get_status() == JobStatus.FAILED:
+            if job.get_status() != JobStatus.FAILED:
+                return
+            if self.is_horse:
                 self._jobs.advance(job.args[0])
+            else:
+                self.asides.start(partial(self._jobs.advance, job.args[0]))
+
+
+class Asides:
+    """Children that do something beside their parent's work, and end with it."""
+
+    def __init__(self) -> None:
+        self._running: list[int] = []
+
+    def start(self, call: Callable[[], object]) -> None:
+        """Call this in a child. What it raises is logged."""
+        child = os.fork()
+        if child:
+            self._running.append(child)
+            return
+        try:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_DFL)
+            die_with_parent()
+            call()
+        except (redis.RedisError, SilhouetteError, OSError) as error:
+            log.warning("left to the next time: %s", error)
+        except BaseException:
+            log.exception("a child did not do its work")
+        finally:
+            os._exit(0)
+
+    def busy(self) -> bool:
+        """Whether one of them still runs."""
+        self._running = [child for child in self._running if not os.waitpid(child, os.WNOHANG)[0]]
+        return bool(self._running)
 
 
 def die_with_parent() -> None:

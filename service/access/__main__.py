@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from backend.settings import BackendSettings, setting_faults
-from backend.store import Store
+from backend.stores import open_store
 from schemas.access import KeyPage, NewKey
 from schemas.errors import SilhouetteError
 from service.access.keys import KeyStore
@@ -30,7 +30,7 @@ def main() -> int:
     except ValidationError as error:
         return _fail(*setting_faults(error))
     try:
-        _run(flags, KeyStore(Store(settings.store_dir)))
+        _run(flags, KeyStore(open_store(settings)))
     except ValidationError as error:
         return _fail(*(f"{fault['field']}: {fault['message']}" for fault in invalid_fields(error.errors())))
     except SilhouetteError as error:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from ipaddress import ip_address
 
+from backend.queue import connection_options
 from backend.store import Store
+from backend.stores import open_store
 from schemas.access import KeyLimits
+from schemas.errors import SilhouetteError
 from service.access.keys import KeyRing, KeyStore
 from service.access.quotas import RenderQuota, RequestQuota
 from service.settings import ServiceSettings
@@ -43,7 +46,9 @@ def open_access(settings: ServiceSettings, store: Store) -> Access:
         raise ValueError("SILHOUETTE_REDIS_URL is not set")
     return Access(
         ring=KeyRing(KeyStore(store)),
-        requests=RequestQuota(settings.redis_url),
+        requests=RequestQuota(
+            settings.redis_url, connection_options(settings.redis_url, settings.redis_password_file, settings.redis_ca_file)
+        ),
         renders=RenderQuota(),
         always=needs_keys(settings),
         limits=KeyLimits(
@@ -63,8 +68,11 @@ def needs_keys(settings: ServiceSettings) -> bool:
 
 def startup_fault(settings: ServiceSettings) -> str | None:
     """Why the service must not start, for people: it needs a key, and there is none. Blocks."""
-    if not needs_keys(settings) or KeyStore(Store(settings.store_dir)).any():
-        return None
+    try:
+        if not needs_keys(settings) or KeyStore(open_store(settings)).any():
+            return None
+    except SilhouetteError as error:
+        return f"it is not known whether there is a key: {error.message}"
     return NO_REQUIRED_KEYS if settings.require_keys else NO_KEYS.format(host=settings.host)
 
 

@@ -6,9 +6,10 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import redis
 from limits import RateLimitItemPerMinute
@@ -60,8 +61,9 @@ class RequestQuota:
     and used in one event loop.
     """
 
-    def __init__(self, redis_url: str) -> None:
-        self._pool = ConnectionPool.from_url(redis_url, socket_timeout=SOCKET_TIMEOUT_S, socket_connect_timeout=SOCKET_TIMEOUT_S)
+    def __init__(self, redis_url: str, options: Mapping[str, Any] | None = None) -> None:
+        times = {"socket_timeout": SOCKET_TIMEOUT_S, "socket_connect_timeout": SOCKET_TIMEOUT_S}
+        self._pool = ConnectionPool.from_url(redis_url, **times, **(options or {}))
         storage = RedisStorage("async+redis://", implementation="redispy", key_prefix=PREFIX, connection_pool=self._pool)  # type: ignore[arg-type]
         self._shared = MovingWindowRateLimiter(storage)
         self._own = MovingWindowRateLimiter(MemoryStorage())

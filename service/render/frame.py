@@ -45,6 +45,9 @@ from service.render.state import FrameState, Gpu, parse_color
 from service.silhouette.levels import LevelInView
 from service.tile import Tile
 
+WORTH_FLUSHING = 30_000
+"""Faces from which on it pays to let the GL begin with them early: that has a price of its own."""
+
 Make = Callable[[FrameState], None]
 
 
@@ -210,7 +213,7 @@ def _draw(frame: FrameState, steps: list[Pass], times: Timed) -> None:
     for number, tile in enumerate(tiles_of(plan, frame.area)):
         frame.tile = tile
         for step in steps:
-            if step.meanwhile and number == 0:
+            if step.meanwhile and number == 0 and len(frame.asset.faces) >= WORTH_FLUSHING:
                 frame.gpu.gl.flush()
             if step.each_tile and (number == 0 or not step.meanwhile):
                 times.run(step.name, step.make, frame, draws=step.draws)

@@ -79,7 +79,7 @@ async def artifact(
     if answer := not_modified(request, tag, IMMUTABLE):
         return answer
     try:
-        path = parts.store.local_path(keys.artifact(mesh_id, name))
+        path = await to_thread.run_sync(parts.store.local_path, keys.artifact(mesh_id, name))
     except NotFoundError:
         raise NotFoundError(f"This mesh has no {name}.") from None
     return Download(path, media_type=DOWNLOADS[name], headers={"ETag": tag, "Cache-Control": IMMUTABLE})

@@ -7,7 +7,7 @@ from typing import Any
 import redis
 from fastapi import APIRouter, Response
 
-from schemas.errors import SilhouetteError
+from schemas.errors import SilhouetteError, StoreUnavailableError
 from service.state import Parts, Services
 
 router = APIRouter(tags=["health"])
@@ -48,8 +48,9 @@ def _queue(parts: Services) -> str:
 
 def _store(parts: Services) -> str:
     try:
-        with parts.store.temporary() as file:
-            file.write(b"ready")
+        parts.store.check()
+    except StoreUnavailableError as error:
+        return error.message
     except (OSError, SilhouetteError):
         return "the store cannot be written"
     return OK

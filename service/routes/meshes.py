@@ -16,7 +16,7 @@ from fastapi.responses import StreamingResponse
 
 from backend import records
 from schemas import keys
-from schemas.errors import NotFoundError
+from schemas.errors import NotFoundError, StoreUnavailableError
 from schemas.manifest import Accepted
 from schemas.mesh import MeshInfo, MeshPage, MeshStatus
 from service.access.caller import caller_of
@@ -41,7 +41,10 @@ KEEP_ALIVE_S = 10.0
     response_model=MeshInfo,
     response_model_exclude_none=True,
     openapi_extra=UPLOAD_BODY,
-    responses={200: {"model": MeshInfo, "description": "This mesh with these options is known already"}, **problems(413, 415, 422, 507)},
+    responses={
+        200: {"model": MeshInfo, "description": "This mesh with these options is known already"},
+        **problems(413, 415, 422, 503, 507),
+    },
 )
 async def upload_mesh(request: Request, parts: Parts) -> Response:
     """Upload a mesh: its bytes as the body with `?name=knot.ply`, or a form with a field `file`.
@@ -55,7 +58,7 @@ async def upload_mesh(request: Request, parts: Parts) -> Response:
     return Response(_json(info), 202 if is_new else 200, headers, "application/json")
 
 
-@router.get("", response_model=MeshPage, response_model_exclude_none=True, responses=problems(422))
+@router.get("", response_model=MeshPage, response_model_exclude_none=True, responses=problems(422, 503))
 def list_meshes(
     parts: Parts,
     limit: Annotated[int, Query(ge=1, le=200, description="meshes on a page")] = 50,
@@ -65,7 +68,7 @@ def list_meshes(
     return parts.meshes.page(limit, after)
 
 
-@router.get("/{mesh_id}", response_model=MeshInfo, response_model_exclude_none=True, responses=problems(404, 422))
+@router.get("/{mesh_id}", response_model=MeshInfo, response_model_exclude_none=True, responses=problems(404, 422, 503))
 def mesh_info(mesh_id: str, parts: Parts) -> MeshInfo:
     """Status, stages, measured facts, capabilities and links of a mesh."""
     return parts.meshes.info(mesh_id)
@@ -74,7 +77,7 @@ def mesh_info(mesh_id: str, parts: Parts) -> MeshInfo:
 @router.get(
     "/{mesh_id}/events",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/event-stream": {}}, "description": "`data:` is a MeshInfo"}, **problems(404, 422)},
+    responses={200: {"content": {"text/event-stream": {}}, "description": "`data:` is a MeshInfo"}, **problems(404, 422, 503)},
 )
 async def mesh_events(mesh_id: str, parts: Parts) -> StreamingResponse:
     """Server-sent events: a MeshInfo on each change until the mesh is ready or failed, then the stream ends."""
@@ -82,7 +85,7 @@ async def mesh_events(mesh_id: str, parts: Parts) -> StreamingResponse:
     return StreamingResponse(_events(first, parts), media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
 
-@router.delete("/{mesh_id}", status_code=204, response_class=Response, responses=problems(404, 422))
+@router.delete("/{mesh_id}", status_code=204, response_class=Response, responses=problems(404, 422, 503))
 def delete_mesh(mesh_id: str, parts: Parts) -> Response:
     """Cancel what is being done for a mesh and remove everything of it."""
     existed = bool(keys.MESH_ID.match(mesh_id)) and parts.queue.cancel(mesh_id)
@@ -114,17 +117,19 @@ def _accept(parts: Services, upload: Upload, path: Path) -> tuple[MeshInfo, bool
 
 
 async def _events(info: MeshInfo, parts: Services) -> AsyncIterator[bytes]:
-    silent_s = 0.0
+    silent_s, poll_s = 0.0, max(POLL_S, parts.store.look_interval_s)
     body = _json(info)
     yield b"data: " + body + b"\n\n"
     while info.status in (MeshStatus.QUEUED, MeshStatus.PROCESSING):
-        await asyncio.sleep(POLL_S)
-        silent_s += POLL_S
+        await asyncio.sleep(poll_s)
+        silent_s += poll_s
         try:
             info = await to_thread.run_sync(parts.meshes.info, info.id)
         except NotFoundError:
             yield b"event: deleted\ndata: {}\n\n"
             return
+        except StoreUnavailableError as error:  # what it said last holds until it answers again
+            log.warning("events wait: %s", error, extra={"mesh": info.id})
         if (new := _json(info)) != body:
             body, silent_s = new, 0.0
             yield b"data: " + body + b"\n\n"

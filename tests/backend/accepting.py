@@ -2,6 +2,7 @@
 
 import hashlib
 from datetime import UTC, datetime
+from pathlib import Path
 
 from backend import records
 from schemas import keys
@@ -28,7 +29,7 @@ def accept(store, data=b"solid", name="a.stl", **options):
                 options=chosen,
                 created=datetime.now(UTC),
             ),
-            store.root / file.name,
+            Path(file.name),
         )
     return mesh_id
 

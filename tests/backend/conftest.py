@@ -1,10 +1,14 @@
 import ctypes
+import uuid
 
 import pytest
 
+from backend.local_store import LocalStore
 from backend.queue import JobQueue, connect
-from backend.store import Store
+from backend.s3_client import S3Place
+from backend.s3_store import S3Store
 from service.embedded import EmbeddedBackend
+from tests.s3_server import BUCKET, CREDENTIALS, S3Server
 
 
 @pytest.fixture(scope="session")
@@ -24,9 +28,31 @@ def connection(redis_url):
     connection.close()
 
 
+@pytest.fixture(scope="session")
+def s3_server():
+    """A server that speaks S3."""
+    pytest.importorskip("moto.server", reason="moto, flask or flask-cors is not installed")
+    with S3Server() as server:
+        yield server
+
+
 @pytest.fixture
-def store(tmp_path):
-    return Store(tmp_path / "store")
+def s3_place(s3_server, monkeypatch):
+    """A place of its own in the server's bucket."""
+    for name, value in CREDENTIALS.items():
+        monkeypatch.setenv(name, value)
+    return S3Place(BUCKET, f"of/{uuid.uuid4().hex}", s3_server.endpoint)
+
+
+@pytest.fixture
+def s3_store(s3_place, tmp_path):
+    return S3Store(s3_place, tmp_path / "cache", 64 << 20)
+
+
+@pytest.fixture(params=["local", "s3"])
+def store(request, tmp_path):
+    """Every kind of store in turn."""
+    return LocalStore(tmp_path / "store") if request.param == "local" else request.getfixturevalue("s3_store")
 
 
 @pytest.fixture

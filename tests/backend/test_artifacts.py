@@ -7,7 +7,7 @@ from safetensors.numpy import save_file
 
 from backend import artifacts
 from backend.artifacts import identity_of, open_artifact, write_artifact
-from backend.store import Store
+from backend.local_store import LocalStore
 from schemas import keys
 from schemas.artifacts import HULL_SEQUENCE, MAPS, MESH, TREE, Layout
 from schemas.errors import CorruptArtifactError, StorageFullError
@@ -122,7 +122,7 @@ def test_tensors_that_do_not_fit_the_layout_are_not_written(store, change):
 
 
 def test_no_room_while_writing_leaves_nothing(small_disk):
-    store = Store(small_disk / "store")
+    store = LocalStore(small_disk / "store")
     large = sequence_tensors(1 << 17)
     with pytest.raises(StorageFullError):
         write_artifact(store, MESH_ID, HULL_SEQUENCE, large, IDENTITY)

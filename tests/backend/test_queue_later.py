@@ -100,19 +100,18 @@ def test_attempts_that_are_used_up_fail_the_stage_skip_what_needs_it_and_leave_t
     assert queue.reconcile() == 0
 
 
-def test_settled_meshes_cost_one_look_each_and_no_file_is_read(store, queue, monkeypatch):
+def test_of_settled_meshes_the_outline_is_looked_at_and_no_file_is_read(store, queue, monkeypatch):
     settled = [ready(store, queue, bytes([n])) for n in range(3)]
     for mesh_id in settled:
         for stage in LATER_STAGES:
             record(store, mesh_id, stage)
     assert queue.reconcile() == 0
-    looks = []
+    looks, versions = [], store.versions
     monkeypatch.setattr(store, "get_bytes", lambda key: pytest.fail(f"{key} is read"))
     monkeypatch.setattr(store, "exists", lambda key: pytest.fail(f"{key} is looked for"))
-    version = store.version
-    monkeypatch.setattr(store, "version", lambda key: looks.append(key) or version(key))
+    monkeypatch.setattr(store, "versions", lambda *arguments: looks.append(arguments) or versions(*arguments))
     assert queue.reconcile() == 0
-    assert sorted(looks) == sorted(keys.manifest(mesh_id) for mesh_id in settled)
+    assert looks == [(keys.MESHES, records.OUTLINE)]
 
 
 def test_a_settled_mesh_that_another_process_deleted_and_took_again_is_not_settled(store, queue, redis_url):

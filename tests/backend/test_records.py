@@ -66,7 +66,8 @@ def test_the_manifest_is_written_once(store):
         assert records.write_manifest(store, ready)
         assert not records.write_manifest(store, ready.model_copy(update={"status": "failed"}))
     assert records.read_manifest(store, mesh_id) == ready
-    assert list(records.manifests(store)) == [(mesh_id, store.version(keys.manifest(mesh_id)))]
+    names = {keys.ACCEPTED: keys.accepted(mesh_id), keys.MANIFEST: keys.manifest(mesh_id)}
+    assert list(records.outlines(store)) == [(mesh_id, {name: store.version(key) for name, key in names.items()})]
 
 
 def test_unknown_meshes_have_no_records(store):
@@ -95,3 +96,14 @@ def test_sweeping_removes_what_an_interrupted_deletion_or_acceptance_left(store)
     store.put_bytes(keys.artifact("e" * 32, "hull.glb"), b"deleted half")
     records.sweep(store, 3600)
     assert everything(store) == before
+
+
+def test_a_mesh_accepted_after_an_interrupted_deletion_keeps_nothing_of_what_that_left(store):
+    mesh_id = accept(store)
+    store.put_bytes(keys.artifact(mesh_id, "mesh.st"), b"tensors")
+    record(store, mesh_id, "load")
+    upload = records.read_accepted(store, mesh_id).upload_sha256
+    store.delete(keys.accepted(mesh_id))  # a deletion that was killed after its first steps
+    store.delete(keys.artifact(mesh_id, "mesh.st"))
+    assert accept(store) == mesh_id
+    assert everything(store) == [keys.accepted(mesh_id), keys.upload(upload)]

@@ -5,19 +5,28 @@ import signal
 import tempfile
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backend.store import KEY, Store
+from backend import leases
+from backend.local_store import LocalStore
+from backend.s3_store import S3Store
+from backend.store import KEY
 from schemas import keys
 from schemas.errors import NotFoundError, StorageFullError
 
 
 def files_under(folder):
     return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file() and ".locks" not in p.parts)
+
+
+@pytest.fixture
+def local_store(tmp_path):
+    return LocalStore(tmp_path / "store")
 
 
 def test_what_is_put_is_got(store):
@@ -37,7 +46,7 @@ def test_create_only_keeps_the_first(store):
     assert store.put_bytes("a", b"first", create_only=True)
     assert not store.put_bytes("a", b"second", create_only=True)
     assert store.get_bytes("a") == b"first"
-    assert files_under(store.root) == ["a"]
+    assert list(store.list()) == ["a"]
 
 
 def test_create_only_has_one_winner_among_many_threads(store):
@@ -56,18 +65,29 @@ def test_create_only_has_one_winner_among_many_threads(store):
     assert store.get_bytes("contested") == str(won[0]).encode()
 
 
-def test_put_file_moves_within_the_file_system(store):
+def put_file(store, key, data):
     with store.temporary() as file:
-        file.write(b"stream" * 1000)
+        file.write(data)
         file.flush()
-        store.put_file("uploads/u", store.root / file.name)
+        store.put_file(key, Path(file.name))
+
+
+def test_a_file_that_is_put_is_got_and_nothing_temporary_stays(store):
+    put_file(store, "uploads/u", b"stream" * 1000)
     assert store.get_bytes("uploads/u") == b"stream" * 1000
-    assert files_under(store.root) == ["uploads/u"]
+    assert store.local_path("uploads/u").read_bytes() == b"stream" * 1000
+    assert list(store.list()) == ["uploads/u"]
+    assert store.sweep_temporary(-1.0) == 0
+
+
+def test_put_file_moves_within_the_file_system(local_store):
+    put_file(local_store, "uploads/u", b"stream")
+    assert files_under(local_store.root) == ["uploads/u"]
 
 
 def test_put_file_copies_from_another_file_system(store, tmp_path):
     other = Path("/dev/shm")
-    if not os.access(other, os.W_OK) or other.stat().st_dev == store.root.stat().st_dev:
+    if not os.access(other, os.W_OK) or other.stat().st_dev == tmp_path.stat().st_dev:
         pytest.skip("needs a second file system")
     with tempfile.NamedTemporaryFile(dir=other) as source:
         source.write(b"elsewhere")
@@ -92,7 +112,7 @@ def test_missing_objects_are_not_found(store):
     "key", ["", "/", "/etc/passwd", "../x", "a/../b", "a/..", "./a", "a//b", "a/", ".tmp/x", "a/.hidden", "a\n", "a\0b", "ä", "a b", "a\\b"]
 )
 def test_keys_that_could_leave_their_place_are_refused(store, key):
-    for call in (store.exists, store.get_bytes, store.local_path, store.delete, lambda k: store.put_bytes(k, b"")):
+    for call in (store.exists, store.get_bytes, store.local_path, store.delete, store.version, lambda k: store.put_bytes(k, b"")):
         with pytest.raises(ValueError, match="not a key"):
             call(key)
 
@@ -126,9 +146,49 @@ def test_list_and_children_and_delete_prefix(store):
     assert list(store.children("nothing/")) == []
     assert store.delete_prefix("meshes/a/") == 2
     assert list(store.list("meshes/")) == ["meshes/ab/3", "meshes/b/4"]
-    assert not (store.root / "meshes" / "a").exists()
+    assert list(store.children("meshes/")) == ["ab", "b"]
     with pytest.raises(ValueError, match="slash"):
         store.delete_prefix("meshes/a")
+
+
+def test_a_deleted_folder_leaves_no_empty_one(local_store):
+    local_store.put_bytes("meshes/a/deep/1", b"")
+    local_store.delete_prefix("meshes/a/")
+    assert not (local_store.root / "meshes").exists()
+
+
+def test_entries_know_versions_and_when_they_were_written(store):
+    began = time.time()
+    for key in ("meshes/a/1", "meshes/b/2"):
+        store.put_bytes(key, key.encode())
+    found = list(store.entries("meshes/"))
+    assert [(entry.key, entry.version) for entry in found] == [(key, store.version(key)) for key in ("meshes/a/1", "meshes/b/2")]
+    assert all(began - 2.0 < entry.written < time.time() + 2.0 for entry in found)
+
+
+def test_versions_of_children_are_those_of_the_objects_asked_for(store):
+    for key in ("meshes/a/x", "meshes/a/deep/y", "meshes/a/z", "meshes/b/z", "meshes/c/x", "uploads/x"):
+        store.put_bytes(key, key.encode())
+    assert dict(store.versions("meshes/", {"x", "deep/y"})) == {
+        "a": {"x": store.version("meshes/a/x"), "deep/y": store.version("meshes/a/deep/y")},
+        "b": {},
+        "c": {"x": store.version("meshes/c/x")},
+    }
+    assert dict(store.versions("none/", {"x"})) == {}
+
+
+def test_a_store_under_a_folder_is_one_of_its_own(store):
+    inner = store.under("once")
+    inner.put_bytes("uploads/a", b"inner")
+    assert list(inner.list()) == ["uploads/a"] and not store.exists("uploads/a")
+    assert store.get_bytes("once/uploads/a") == b"inner"
+    inner.delete_prefix("uploads/")
+    assert list(store.list()) == []
+
+
+def test_a_check_leaves_nothing_behind(store):
+    store.check()
+    assert list(store.list()) == [] and store.sweep_temporary(-1.0) == 0
 
 
 def test_putting_and_pruning_the_same_folder_at_once_loses_nothing(store):
@@ -149,7 +209,7 @@ def test_putting_and_pruning_the_same_folder_at_once_loses_nothing(store):
     assert not failures
 
 
-def test_a_folder_that_another_process_makes_and_prunes_meanwhile_loses_nothing(store, monkeypatch):
+def test_a_folder_that_another_process_makes_and_prunes_meanwhile_loses_nothing(local_store, monkeypatch):
     mkdir, others = Path.mkdir, []
 
     def made_and_pruned_by_another(path, *arguments, **options):
@@ -159,22 +219,22 @@ def test_a_folder_that_another_process_makes_and_prunes_meanwhile_loses_nothing(
         mkdir(path, *arguments, **options)
 
     monkeypatch.setattr(Path, "mkdir", made_and_pruned_by_another)
-    assert store.put_bytes("meshes/shared/a", b"x")
+    assert local_store.put_bytes("meshes/shared/a", b"x")
     assert others
-    assert store.get_bytes("meshes/shared/a") == b"x"
+    assert local_store.get_bytes("meshes/shared/a") == b"x"
 
 
 def test_an_interrupted_stream_leaves_nothing(store):
     with pytest.raises(RuntimeError, match="client left"), store.temporary() as file:
         file.write(b"half")
         raise RuntimeError("client left")
-    assert files_under(store.root) == []
+    assert list(store.list()) == [] and store.sweep_temporary(-1.0) == 0
 
 
 def _fill(root, key, results):
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 16, 1 << 16))
-    store = Store(root)
+    store = LocalStore(root)
     for write in (lambda: store.put_bytes(key, b"x" * (1 << 20)), lambda: _stream(store, key)):
         try:
             write()
@@ -188,24 +248,24 @@ def _stream(store, key):
     with store.temporary() as file:
         for _ in range(64):
             file.write(b"x" * (1 << 14))
-        store.put_file(key, store.root / file.name)
+        store.put_file(key, Path(file.name))
 
 
-def test_no_room_is_storage_full_with_nothing_half_written(store):
+def test_no_room_is_storage_full_with_nothing_half_written(local_store):
     """The file size limit stands in for a full disk: the write fails part way, as it does there."""
-    store.put_bytes("meshes/a/old", b"still here")
+    local_store.put_bytes("meshes/a/old", b"still here")
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
-    process = context.Process(target=_fill, args=(store.root, "meshes/a/new", results))
+    process = context.Process(target=_fill, args=(local_store.root, "meshes/a/new", results))
     process.start()
     assert [results.get(timeout=30), results.get(timeout=30)] == ["StorageFullError", "StorageFullError"]
     process.join()
-    assert files_under(store.root) == ["meshes/a/old"]
-    assert store.get_bytes("meshes/a/old") == b"still here"
+    assert files_under(local_store.root) == ["meshes/a/old"]
+    assert local_store.get_bytes("meshes/a/old") == b"still here"
 
 
 def test_a_full_disk_is_storage_full_and_recovers(small_disk):
-    store = Store(small_disk / "store")
+    store = LocalStore(small_disk / "store")
     with pytest.raises(StorageFullError):
         store.put_bytes("meshes/a/big", b"x" * (2 << 20))
     assert files_under(store.root) == []
@@ -216,47 +276,96 @@ def test_a_full_disk_is_storage_full_and_recovers(small_disk):
     assert files_under(store.root) == ["meshes/a/small"]
 
 
-def _hold(root, key, entered, log):
-    with Store(root).locked(key):
+def _hold(store, key, entered, log):
+    with store().locked(key):
         entered.set()
         time.sleep(0.3)
         log.put(time.time())
 
 
-def test_a_lock_holds_across_processes_and_is_freed_by_death(store):
+def again(store):
+    """A function, for another process, that opens the same store."""
+    if isinstance(store, LocalStore):
+        return partial(LocalStore, store.root)
+    return partial(S3Store, store._place, store._folder.with_name("another machine"), 1 << 20)
+
+
+def spawn(target, *arguments):
+    process = multiprocessing.get_context("spawn").Process(target=target, args=arguments)
+    process.start()
+    return process
+
+
+def test_a_lock_holds_across_processes(store):
     context = multiprocessing.get_context("spawn")
     entered, log = context.Event(), context.Queue()
-    process = context.Process(target=_hold, args=(store.root, "meshes/a", entered, log))
-    process.start()
+    process = spawn(_hold, again(store), "meshes/a", entered, log)
     assert entered.wait(30)
     with store.locked("meshes/a"):
         assert log.get(timeout=5) <= time.time()
     process.join()
-    entered.clear()
-    process = context.Process(target=_hold, args=(store.root, "meshes/a", entered, log))
-    process.start()
+
+
+def test_a_lock_is_freed_by_the_death_of_its_holder(store, monkeypatch):
+    monkeypatch.setattr(leases, "TTL_S", 1.0)
+    context = multiprocessing.get_context("spawn")
+    entered, log = context.Event(), context.Queue()
+    process = spawn(_hold, again(store), "meshes/a", entered, log)
     assert entered.wait(30)
     process.kill()
-    with store.locked("meshes/a"):
-        pass
     process.join()
+    with store.locked("meshes/a"):
+        store.put_bytes("meshes/a", b"mine")
+    assert log.empty()
 
 
-def test_old_temporary_files_are_swept_and_young_ones_stay(store):
-    old, young = store.root / ".tmp" / "old", store.root / ".tmp" / "young"
+def _count_up(store, key, times):
+    opened = store()
+    for _ in range(times):
+        with opened.locked(key):
+            number = int(opened.get_bytes(key))
+            time.sleep(0.001)
+            opened.put_bytes(key, str(number + 1).encode())
+
+
+def test_processes_that_lock_lose_no_update(store):
+    store.put_bytes("meshes/count", b"0")
+    processes = [spawn(_count_up, again(store), "meshes/count", 8) for _ in range(3)]
+    _count_up(lambda: store, "meshes/count", 8)
+    [process.join() for process in processes]
+    assert store.get_bytes("meshes/count") == b"32"
+
+
+def _create(store, key, number, start, won):
+    opened = store()
+    start.wait(60)
+    won.put((number, opened.put_bytes(key, str(number).encode(), create_only=True)))
+
+
+def test_create_only_has_one_winner_among_processes(store):
+    context = multiprocessing.get_context("spawn")
+    start, answers = context.Barrier(3), context.Queue()
+    processes = [spawn(_create, again(store), "contested", number, start, answers) for number in range(3)]
+    won = [number for number, is_mine in (answers.get(timeout=60) for _ in processes) if is_mine]
+    [process.join() for process in processes]
+    assert len(won) == 1 and store.get_bytes("contested") == str(won[0]).encode()
+
+
+def test_old_temporary_files_are_swept_and_young_ones_stay(local_store):
+    old, young = local_store.root / ".tmp" / "old", local_store.root / ".tmp" / "young"
     for path in (old, young):
         path.write_bytes(b"torso")
     os.utime(old, (time.time() - 7200, time.time() - 7200))
-    assert store.sweep_temporary(3600) == 1
-    assert files_under(store.root) == [".tmp/young"]
-    assert list(store.list()) == []
+    assert local_store.sweep_temporary(3600) == 1
+    assert files_under(local_store.root) == [".tmp/young"]
+    assert list(local_store.list()) == []
 
 
-def test_version_changes_with_every_writing_and_is_none_without_an_object(store):
+def test_version_changes_with_other_bytes_and_is_none_without_an_object(store):
     assert store.version("a/b") is None
     seen = set()
-    for _ in range(3):
-        store.put_bytes("a/b", b"the same")
+    for number in range(3):
+        store.put_bytes("a/b", str(number).encode())
         assert store.version("a/b") == store.version("a/b")
         seen.add(store.version("a/b"))
     assert len(seen) == 3

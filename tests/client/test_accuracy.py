@@ -8,7 +8,7 @@ import os
 import pytest
 
 from backend import records
-from backend.store import Store
+from backend.local_store import LocalStore
 from client.errors import NotReadyError, RequestError
 from schemas.manifest import StageRecord
 from tests.client.test_cli import silhouette
@@ -23,7 +23,7 @@ def measured(service, client, knot_file):
     """Id of a mesh with a ladder of 100 rungs."""
     mesh = client.upload(knot_file, hull_faces=HULL_FACES + 40, texels=128)
     record = StageRecord(stage="measure", outcome="done", seconds=1.0, report=a_ladder(100).model_dump(mode="json"))
-    store = Store(service.data_dir / "store")
+    store = LocalStore(service.data_dir / "store")
     with records.publishing(store, mesh.id):  # before it is ready: a service that does not measure looks no more then
         records.write_stage(store, mesh.id, record)
     client.wait(mesh.id, timeout_s=280.0)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from backend import records
+from backend.local_store import LocalStore
 from backend.manifests import build_manifest
 from backend.problems import problem_of
 from backend.store import Store
@@ -73,7 +74,7 @@ def through(mesh, hull_faces: int = HULL_FACES, texels: int = TEXELS, repair: st
 def uploaded(data: bytes, name: str, **options) -> Outcome:
     """What becomes of a file. Only faults of the mesh are an outcome: anything else that a stage raises is a failed test."""
     with tempfile.TemporaryDirectory() as folder:
-        store = Store(Path(folder))
+        store = LocalStore(Path(folder))
         mesh_id = accept(store, data, name, **options)
         made: dict[str, StageRecord | None] = {}
         for stage in STAGES:

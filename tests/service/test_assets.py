@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from backend.artifacts import identity_of, write_artifact
+from backend.local_store import LocalStore
 from backend.manifests import NOT_ENDED, loaded_manifest
 from backend.store import Store
 from schemas import artifacts
@@ -40,7 +41,7 @@ def stored(store: Store, mesh_id: str = MESH_ID, *, clip: bool = True) -> Manife
 
 @pytest.fixture
 def store(tmp_path):
-    return Store(tmp_path)
+    return LocalStore(tmp_path)
 
 
 def test_ready_mesh_is_mapped_with_everything_it_has(store):

@@ -1,12 +1,14 @@
 """What is said of meshes as their records land, and how little is read for those that are at their end."""
 
+import time
+
 import pytest
 
 from backend import records
+from backend.local_store import LocalStore
 from backend.manifests import build_manifest
 from backend.progress import Progress
 from backend.queue import connect
-from backend.store import Store
 from schemas import keys
 from schemas.errors import NotFoundError, NotReadyError
 from schemas.jobs import LATER_STAGES, STAGES
@@ -19,7 +21,7 @@ from tests.backend.accepting import LOAD_REPORT, accept, record, record_all
 
 @pytest.fixture
 def store(tmp_path):
-    return Store(tmp_path / "store")
+    return LocalStore(tmp_path / "store")
 
 
 @pytest.fixture
@@ -177,3 +179,30 @@ def test_no_more_manifests_are_kept_than_said(store, progress):
         meshes._keep(f"{number:032x}", "1", manifest)
     assert len(meshes._settled) == KEPT
     assert mesh_id not in meshes._settled
+
+
+def test_where_looking_is_slow_a_ready_mesh_is_looked_up_now_and_then(store, meshes, monkeypatch):
+    monkeypatch.setattr(store, "look_interval_s", 60.0)
+    mesh_id, loading = settled(store), accept(store, b"other")
+    record(store, loading, "load", report=LOAD_REPORT)
+    assert meshes.drawable(loading).status == "loaded"
+    kept = meshes.drawable(mesh_id)
+    records.forget(store, mesh_id)  # as another replica does
+    records.forget(store, loading)
+    assert meshes.drawable(mesh_id) is kept
+    with pytest.raises(NotFoundError):
+        meshes.drawable(loading)
+    monkeypatch.setattr(store, "look_interval_s", 0.01)
+    time.sleep(0.02)
+    with pytest.raises(NotFoundError):
+        meshes.drawable(mesh_id)
+
+
+def test_what_this_service_deletes_is_gone_at_once(store, meshes, monkeypatch):
+    monkeypatch.setattr(store, "look_interval_s", 60.0)
+    mesh_id = settled(store)
+    meshes.drawable(mesh_id)
+    records.forget(store, mesh_id)
+    meshes.forget(mesh_id)
+    with pytest.raises(NotFoundError):
+        meshes.drawable(mesh_id)

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from backend import records
+from backend.local_store import LocalStore
 from backend.manifests import NOT_ENDED, build_manifest
 from backend.queue import JobQueue, connect
-from backend.store import Store
 from client import Client
 from client.local import LocalService
 from client.shapes import write_ply
@@ -44,7 +44,7 @@ class Work:
 
     def __init__(self, idle, mesh_id):
         logging.getLogger("backend.progress").setLevel(logging.ERROR)
-        self._queue = JobQueue(connect(f"unix://{idle.data_dir}/of-nobody.sock"), Store(idle.data_dir / "store"), measure=True)
+        self._queue = JobQueue(connect(f"unix://{idle.data_dir}/of-nobody.sock"), LocalStore(idle.data_dir / "store"), measure=True)
         self._mesh_id = mesh_id
 
     def run(self, *stages):

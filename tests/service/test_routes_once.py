@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from backend import once
-from backend.store import Store
+from backend.local_store import LocalStore
 from client.shapes import write_ply
 from tests import meshes, oracles
 from tests.conftest import MAX_UPLOAD_MIB
@@ -29,7 +29,7 @@ def knot_bytes(knot_file):
 @pytest.fixture
 def left(service):
     """How many files of meshes that are not kept there are."""
-    store = once.store_of(Store(service.data_dir / "store"))
+    store = once.store_of(LocalStore(service.data_dir / "store"))
     return lambda: len(list(store.list()))
 
 
@@ -128,7 +128,7 @@ def test_no_mesh_is_kept_or_listed(http, knot_bytes):
 
 
 def test_what_a_service_that_died_left_is_swept_by_its_age(tmp_path):
-    store = once.store_of(Store(tmp_path))
+    store = once.store_of(LocalStore(tmp_path))
     (tmp_path / "upload").write_bytes(b"mesh")
     token = once.put(store, tmp_path / "upload")
     once.sweep(store, 3600.0)

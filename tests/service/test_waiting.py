@@ -9,7 +9,7 @@ from starlette.requests import ClientDisconnect, Request
 
 from schemas.errors import BusyError
 from service.slots import Slots
-from service.waiting import wait_for
+from service.waiting import LOOK_S, wait_for, wait_until
 
 
 def request(*messages):
@@ -60,3 +60,23 @@ def test_slots_refuse_what_they_cannot_hold_and_recover():
     assert [future.result(5.0) for future in held] == [True, True]
     assert slots.submit(lambda: 7).result(5.0) == 7
     slots.close()
+
+
+def test_looking_goes_on_until_something_is_found_and_slows_down_where_it_is_told_to():
+    looks = []
+
+    def look():
+        looks.append(threading.current_thread())
+        return len(looks) if len(looks) == 12 else None
+
+    assert asyncio.run(wait_until(request(), look, 10.0)) == 12
+    assert threading.main_thread() not in looks
+    looks.clear()
+    with pytest.raises(BusyError):
+        asyncio.run(wait_until(request(), lambda: looks.append(None), 0.5, last_look_s=0.25))
+    assert 2 <= len(looks) < 0.5 / LOOK_S / 2
+
+
+def test_looking_ends_with_the_client():
+    with pytest.raises(ClientDisconnect):
+        asyncio.run(wait_until(request({"type": "http.disconnect"}), lambda: None, 5.0))

@@ -5,9 +5,9 @@ import pytest
 
 from backend import records
 from backend.artifacts import open_artifact
+from backend.local_store import LocalStore
 from backend.manifests import build_manifest
 from backend.queue import JobQueue, connect
-from backend.store import Store
 from geometry.topology import signed_volume
 from schemas import artifacts, keys
 from schemas.jobs import STAGES
@@ -126,7 +126,7 @@ def test_what_progress_raises_goes_through(bumpy):
 @pytest.fixture
 def ready(tmp_path):
     """(queue, mesh id): a mesh that is ready, and whose later stages nobody runs."""
-    queue = JobQueue(connect(f"unix://{tmp_path}/none.sock"), Store(tmp_path / "store"))
+    queue = JobQueue(connect(f"unix://{tmp_path}/none.sock"), LocalStore(tmp_path / "store"))
     mesh_id = accept(queue.store, ply(bumpy_sphere(4)), name="mesh.ply", hull_faces=400, texels=TEXELS)
     done = {stage: run_and_record(queue, mesh_id, stage) for stage in STAGES}
     with records.publishing(queue.store, mesh_id):

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from backend.store import Store
+from backend.local_store import LocalStore
 from schemas import keys
 from schemas.access import NewKey, Scope
 from schemas.errors import CorruptArtifactError, NotFoundError
@@ -14,7 +14,7 @@ from service.access.tokens import parse_token
 
 @pytest.fixture
 def objects(tmp_path):
-    return Store(tmp_path / "store")
+    return LocalStore(tmp_path / "store")
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from backend.store import Store
+from backend.local_store import LocalStore
 from schemas.access import NewKey
 from service.access.keys import KeyStore
 from service.access.policy import is_loopback, needs_keys, open_access, startup_fault
@@ -18,7 +18,7 @@ def settings(tmp_path, **fields):
 
 
 def stored(tmp_path):
-    return KeyStore(Store(tmp_path / "store"))
+    return KeyStore(LocalStore(tmp_path / "store"))
 
 
 @pytest.mark.parametrize(("host", "is_here"), [("127.0.0.1", True), ("127.8.8.8", True), ("::1", True), ("localhost", True)])
@@ -49,7 +49,7 @@ def test_it_starts_with_a_key_or_when_told_or_here(tmp_path):
 
 def test_whether_everyone_may_come_in(tmp_path):
     def is_open(**fields):
-        return asyncio.run(open_access(settings(tmp_path, **fields), Store(tmp_path / "store")).is_open())
+        return asyncio.run(open_access(settings(tmp_path, **fields), LocalStore(tmp_path / "store")).is_open())
 
     assert is_open() and is_open(host="0.0.0.0", insecure=True)
     assert not is_open(host="0.0.0.0") and not is_open(require_keys=True), "revoking the last key opens nothing"

@@ -11,7 +11,7 @@ import pytest
 
 from backend import records
 from backend.artifacts import identity_of, write_artifact
-from backend.store import Store
+from backend.local_store import LocalStore
 from schemas import artifacts, keys
 from schemas.errors import CancelledError, NotReadyError, StageFailedError
 from schemas.jobs import MEASURE
@@ -30,7 +30,7 @@ STEPS = 4
 
 def stored(root, shape="sphere"):
     """(store, id) of a shape as a mesh that is ready."""
-    store, asset = Store(root), clippable(shape)
+    store, asset = LocalStore(root), clippable(shape)
     mesh_id = accept(store)
     mesh = {"positions": asset.positions, "faces": asset.faces, "normals": asset.normals}
     mesh |= {"edge_vertices": asset.edges[0], "edge_faces": asset.edges[1]}
@@ -180,7 +180,7 @@ def named():
 
 def in_its_own_process(root, mesh_id, answers):
     """As a worker's child, which has no GL yet."""
-    answers.put(named()(Store(root), mesh_id, lambda part: None, lambda: False))
+    answers.put(named()(LocalStore(root), mesh_id, lambda part: None, lambda: False))
 
 
 @pytest.mark.heavy
@@ -207,6 +207,6 @@ def test_a_machine_that_cannot_draw_is_told_what_to_install(mesh, monkeypatch):
 
 
 def test_a_mesh_that_is_not_ready_is_not_measured(tmp_path):
-    store = Store(tmp_path / "empty")
+    store = LocalStore(tmp_path / "empty")
     with pytest.raises(NotReadyError):
         named()(store, accept(store), lambda part: None, lambda: False)
