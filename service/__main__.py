@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import uvicorn
@@ -22,6 +23,7 @@ from backend.logs import configure_logs
 from backend.settings import setting_faults
 from service.access.policy import startup_fault
 from service.embedded import EmbeddedBackend, StartupError
+from service.processes import LISTENER_FLAG, READY_FLAG, say_ready, serve_in_processes
 from service.settings import ServiceSettings
 
 BACKLOG = 512
@@ -30,7 +32,7 @@ BACKLOG = 512
 def main() -> int:
     """Run the service until SIGINT or SIGTERM; the exit status."""
     try:
-        settings, while_stdin = parse(sys.argv[1:])
+        settings, start = parse(sys.argv[1:])
     except ValidationError as error:
         print(*setting_faults(error), sep="\n", file=sys.stderr)
         return 2
@@ -39,13 +41,15 @@ def main() -> int:
         print(f"error: {fault}", file=sys.stderr)
         return 2
     signal.signal(signal.SIGTERM, _interrupt)
-    if while_stdin:
+    if start.while_stdin:
         threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
-    from service import app  # now, while the workers do not yet compete for the processors with imports of their own
-
+    if settings.processes == 1:
+        from service import app  # now, while the workers do not yet compete for the processors with imports of their own
     try:
-        with _listening(settings) as listener, _backend(settings) as connected:
-            return _serve(app.create_app(connected), listener, connected.stop_grace_s)
+        with _listening(settings, start.listener) as listener, _backend(settings) as connected:
+            if connected.processes > 1:
+                return serve_in_processes(connected, listener, _announcement(listener), connected.stop_grace_s)
+            return _serve(app.create_app(connected), listener, start.ready, connected.stop_grace_s)
     except StartupError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -53,23 +57,40 @@ def main() -> int:
         return 0
 
 
-def parse(arguments: Sequence[str]) -> tuple[ServiceSettings, bool]:
-    """Settings from the environment, overridden by flags; and whether to end with standard input. Raises ValidationError."""
+@dataclass(frozen=True)
+class Start:
+    """How a process was started. while_stdin: it ends with its standard input. listener: number of a bound socket that it got, ready: of
+    a pipe to say in that it serves (`service.processes`)."""
+
+    while_stdin: bool
+    listener: int | None
+    ready: int | None
+
+
+def parse(arguments: Sequence[str]) -> tuple[ServiceSettings, Start]:
+    """Settings from the environment, overridden by flags; and how the process was started. Raises ValidationError."""
     parser = argparse.ArgumentParser(prog="python -m service", description="The silhouette service. Every other setting is SILHOUETTE_*.")
     parser.add_argument("--host", help="address to listen on (127.0.0.1)")
     parser.add_argument("--port", type=int, help="port to listen on (8000); 0 takes a free one")
     parser.add_argument("--data-dir", type=Path, help="folder of everything that is kept")
     parser.add_argument("--workers", type=int, help="worker processes to start (one a processor)")
     parser.add_argument("--insecure", action="store_const", const=True, help="listen for other machines though there is no key")
+    parser.add_argument("--processes", type=int, help="service processes behind the port (1)")
+    parser.add_argument(LISTENER_FLAG, type=int, help=argparse.SUPPRESS)
+    parser.add_argument(READY_FLAG, type=int, help=argparse.SUPPRESS)
     parser.add_argument("--while-stdin", action="store_true", help="end when standard input is closed, as it is when a parent dies")
     flags = vars(parser.parse_args(arguments))
-    while_stdin = bool(flags.pop("while_stdin"))
-    return ServiceSettings(**{name: value for name, value in flags.items() if value is not None}), while_stdin
+    start = Start(bool(flags.pop("while_stdin")), flags.pop("listener"), flags.pop("ready"))
+    return ServiceSettings(**{name: value for name, value in flags.items() if value is not None}), start
 
 
 @contextmanager
-def _listening(settings: ServiceSettings) -> Iterator[socket.socket]:
-    """A bound socket: the port is known, and is ours, before anything is started. Raises StartupError."""
+def _listening(settings: ServiceSettings, given: int | None) -> Iterator[socket.socket]:
+    """A bound socket, the given one or one of our own: the port is known, and is ours, before anything is started. Raises StartupError."""
+    if given is not None:
+        with socket.socket(fileno=given) as listener:
+            yield listener
+        return
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -97,8 +118,13 @@ def _backend(settings: ServiceSettings) -> Iterator[ServiceSettings]:
         backend.stop()
 
 
-def _serve(app: FastAPI, listener: socket.socket, grace_s: float) -> int:
-    """grace_s: seconds that requests under way get to end when the service stops."""
+def _announcement(listener: socket.socket) -> str:
+    host, port = listener.getsockname()[:2]
+    return f"Silhouette Service on http://{f'[{host}]' if ':' in host else host}:{port}"
+
+
+def _serve(app: FastAPI, listener: socket.socket, ready: int | None, grace_s: float) -> int:
+    """ready: of a pipe to say in that it serves. grace_s: seconds that requests under way get to end when the service stops."""
     config = uvicorn.Config(
         app,
         log_config=None,
@@ -116,9 +142,10 @@ def _serve(app: FastAPI, listener: socket.socket, grace_s: float) -> int:
         while not (server.started or serving.done()):
             await asyncio.sleep(0.01)
         fault = app.state.services.renderer_fault if server.started else "the service did not start; see the log"
-        if fault is None:
-            host, port = listener.getsockname()[:2]
-            print(f"Silhouette Service on http://{f'[{host}]' if ':' in host else host}:{port}", flush=True)
+        if fault is None and ready is not None:
+            say_ready(ready)
+        elif fault is None:
+            print(_announcement(listener), flush=True)
         else:
             print(f"error: {fault}", file=sys.stderr)
             server.should_exit = True

@@ -26,7 +26,7 @@ class Child:
     """A program to keep running.
 
     death_signal: what it gets when this process dies. output: file for its output, begun anew at each start; none: ours.
-    on_exit: called with the exit status (negative: signal) before it is started again.
+    on_exit: called with the exit status (negative: signal) before it is started again. files: numbers of open ones that it gets.
     """
 
     name: str
@@ -35,6 +35,7 @@ class Child:
     death_signal: signal.Signals = signal.SIGKILL
     output: Path | None = None
     on_exit: Callable[[int], None] | None = None
+    files: tuple[int, ...] = ()
 
 
 class _Slot:
@@ -138,8 +139,14 @@ def _spawn(child: Child) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid()), str(int(child.death_signal)), *child.command]
     environment = {**os.environ, **child.environment}
     if child.output is None:
-        return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True)
+        return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True, pass_fds=child.files)
     with child.output.open("wb") as output:
         return subprocess.Popen(
-            command, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            pass_fds=child.files,
         )

@@ -24,6 +24,8 @@ class ServiceSettings(BackendSettings):
         default_factory=lambda: max(1, (os.cpu_count() or 1)), ge=0, description="worker processes of the embedded default"
     )
 
+    processes: int = Field(1, ge=1, le=256, description="service processes behind the one port, each with a renderer and caches of its own")
+
     insecure: bool = Field(False, description="listen for other machines though there is no key")
     require_keys: bool = Field(False, description="ask for a key on this machine, too, as behind a proxy; without one, do not start")
     cors_origins: Annotated[tuple[str, ...], NoDecode] = Field((), description="origins whose pages may use the API; * for all")

@@ -18,6 +18,9 @@ def serve(
     port: Annotated[int, typer.Option(help="Port; 0 takes a free one.")] = 8000,
     data_dir: Annotated[Path | None, typer.Option(help="Folder of everything that is kept.")] = None,
     workers: Annotated[int | None, typer.Option(help="Worker processes; as many as processors if not given.")] = None,
+    processes: Annotated[
+        int | None, typer.Option(help="Service processes behind the port, each with a renderer of its own; 1 if not given.")
+    ] = None,
     insecure: Annotated[bool, typer.Option("--insecure", help="Listen for other machines though there is no key.")] = False,
 ) -> None:
     """Run the service: API, web page, queue and workers on this machine.
@@ -28,7 +31,7 @@ def serve(
 
     `silhouette serve --port 8000 --data-dir ./data`
     """
-    flags = {"--host": host, "--port": port, "--data-dir": data_dir, "--workers": workers}
+    flags = {"--host": host, "--port": port, "--data-dir": data_dir, "--workers": workers, "--processes": processes}
     given = [text for flag, value in flags.items() if value is not None for text in (flag, str(value))]
     _become("service", [*given, *(["--insecure"] if insecure else [])])
 
