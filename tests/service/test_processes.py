@@ -57,7 +57,7 @@ def test_all_processes_answer_alike_and_one_that_is_killed_is_replaced(pair, tmp
         first = serving(pair.pid)
         assert len(first) == 2
         before = [processor_s(pid) for pid in first]
-        images = [np.asarray(Image.open(io.BytesIO(httpx.get(f"{picture}12").content))) for _ in range(40)]
+        images = [np.asarray(Image.open(io.BytesIO(httpx.get(f"{picture}12", timeout=60.0).content))) for _ in range(40)]
         assert all(np.array_equal(images[0], image) for image in images)
         assert images[0][..., 3].any()
         assert all(processor_s(pid) > spent for pid, spent in zip(first, before, strict=True)), "each has answered some"
@@ -66,8 +66,8 @@ def test_all_processes_answer_alike_and_one_that_is_killed_is_replaced(pair, tmp
         deadline = time.monotonic() + 60.0
         while len(serving(pair.pid)) < 2 or first[0] in serving(pair.pid):
             assert time.monotonic() < deadline
-            assert httpx.get(f"{picture}13").status_code == 200
-        assert Counter(httpx.get(f"{picture}{n}").status_code for n in range(20)) == {200: 20}
+            assert httpx.get(f"{picture}13", timeout=60.0).status_code == 200
+        assert Counter(httpx.get(f"{picture}{n}", timeout=60.0).status_code for n in range(20)) == {200: 20}
 
 
 def test_stopping_the_first_stops_all(tmp_path):
