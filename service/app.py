@@ -22,7 +22,7 @@ from starlette.types import Scope
 from backend import once, records
 from backend.queue import JobQueue
 from schemas.errors import SilhouetteError
-from service import errors
+from service import damage, errors
 from service.access.guard import AccessGuard
 from service.access.policy import open_access
 from service.assets import AssetCache
@@ -107,6 +107,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
     )
     errors.install(app)
+    damage.install(app)
     app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=counts_itself)
     app.add_middleware(AccessGuard, allowed_origins=settings.cors_origins)
     app.add_middleware(HeadAsGet)

@@ -31,7 +31,7 @@ from backend.problems import problem_of
 from backend.queue import JobQueue
 from backend.store import Store
 from schemas import keys
-from schemas.errors import CancelledError, SilhouetteError, StageFailedError, StorageFullError
+from schemas.errors import CancelledError, DamagedArtifactError, SilhouetteError, StageFailedError, StorageFullError
 from schemas.jobs import LATER_STAGES
 from schemas.manifest import StageRecord
 from worker import stages
@@ -72,6 +72,10 @@ def run_stage(mesh_id: str, stage: str) -> None:
         log.info("stopped: the mesh is gone", extra={"mesh": mesh_id, "stage": stage})
         jobs.progress.clear(mesh_id)
         return
+    except DamagedArtifactError:
+        log.exception("an input is damaged", extra={"mesh": mesh_id, "stage": stage})
+        jobs.rebuild(mesh_id)
+        return
     except StorageFullError:  # the reconciler starts the stage again, until there is room
         log.exception("no room", extra={"mesh": mesh_id, "stage": stage})
         return
@@ -81,7 +85,7 @@ def run_stage(mesh_id: str, stage: str) -> None:
 def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | None:
     """Run one stage and publish its result with its record; None when it paused, and is to be started again.
 
-    Raises CancelledError, StorageFullError, and what is nobody's fault.
+    Raises CancelledError, StorageFullError, DamagedArtifactError, and what is nobody's fault.
     """
     started = time.perf_counter()
     inputs = Inputs(jobs.store, mesh_id, lambda fraction: report(jobs, mesh_id, stage, fraction), jobs.has_waiting)
@@ -101,7 +105,7 @@ def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | No
                 peak_mib=peak_mib(),
             )
             records.write_stage(jobs.store, mesh_id, record)
-    except (CancelledError, StorageFullError):
+    except (CancelledError, StorageFullError, DamagedArtifactError):
         raise
     except (SilhouetteError, MemoryError, JobTimeoutException) as error:
         record = failed_record(stage, time.perf_counter() - started, problem_of(fault_of(error)))
