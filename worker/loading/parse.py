@@ -36,13 +36,13 @@ def parse(extension: str, data: bytes, limits: LoadLimits) -> Parsed:
         try:
             raw = _read(kind, data, limits)
             pieces = [p for p in _pieces(raw, limits) if len(p.faces)]
+            if not pieces:
+                raise rejected("no-faces", "The file has no faces.")
+            appearance, notes = collect(pieces, kind, limits)
         except (SilhouetteError, MemoryError):
             raise
         except Exception:
             raise parse_failed(kind.upper()) from None
-        if not pieces:
-            raise rejected("no-faces", "The file has no faces.")
-        appearance, notes = collect(pieces, kind, limits)
     starts = np.cumsum([0] + [len(p.vertices) for p in pieces])
     positions = np.concatenate([p.vertices for p in pieces])
     faces = np.concatenate([p.faces + start for p, start in zip(pieces, starts, strict=False)])
