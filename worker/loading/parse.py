@@ -35,9 +35,7 @@ def parse(extension: str, data: bytes, limits: LoadLimits) -> Parsed:
         warnings.filterwarnings("error", message=".*string or file could not be read to its end.*")
         try:
             raw = _read(kind, data, limits)
-            pieces = [p for p in _pieces(raw, limits) if len(p.faces)]
-            if not pieces:
-                raise rejected("no-faces", "The file has no faces.")
+            pieces = _some([p for p in _pieces(raw, limits) if len(p.faces)])
             appearance, notes = collect(pieces, kind, limits)
         except (SilhouetteError, MemoryError):
             raise
@@ -47,6 +45,12 @@ def parse(extension: str, data: bytes, limits: LoadLimits) -> Parsed:
     positions = np.concatenate([p.vertices for p in pieces])
     faces = np.concatenate([p.faces + start for p, start in zip(pieces, starts, strict=False)])
     return Parsed(positions, faces.astype(np.int32), appearance, notes | _references(kind, data))
+
+
+def _some(pieces: list[Piece]) -> list[Piece]:
+    if not pieces:
+        raise rejected("no-faces", "The file has no faces.")
+    return pieces
 
 
 def _read(kind: str, data: bytes, limits: LoadLimits) -> dict[str, Any]:
