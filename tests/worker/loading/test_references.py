@@ -110,7 +110,9 @@ def kind_of(what: str) -> str:
 
 
 @pytest.mark.parametrize("what", NAMING)
-@pytest.mark.parametrize("form", ["{folder}/hush-hush", "../hush-hush", "../../../../../../..{folder}/hush-hush", "file://{folder}/hush-hush"])
+@pytest.mark.parametrize(
+    "form", ["{folder}/hush-hush", "../hush-hush", "../../../../../../..{folder}/hush-hush", "file://{folder}/hush-hush"]
+)
 def test_files_that_an_upload_names_are_not_opened(tmp_path, what, form):
     folder = tmp_path / "beside"
     folder.mkdir()
