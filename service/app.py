@@ -54,7 +54,7 @@ MOVED_BODIES = re.compile(r"/v1/meshes/[^/]+/(render|silhouette|frames)")
 
 KEYED: dict[str, Any] = {
     "dependencies": [Depends(HTTPBearer(auto_error=False, description="an API key, where the service asks for one"))],
-    "responses": problems(401, 403, 429),
+    "responses": problems(400, 401, 403, 429),
 }
 """What OpenAPI says of all calls but health; that it is so is the guard's work."""
 

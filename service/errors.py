@@ -13,6 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import Match
 
 from backend.problems import PRIVATE, STATUS
 from schemas import errors as tree
@@ -168,11 +169,18 @@ async def _on_invalid(_: Request, error: Exception) -> Response:
     return problem_response(validation_problem(invalid_fields(error.errors())))
 
 
-async def _on_http(_: Request, error: Exception) -> Response:
+async def _on_http(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
+    headers = {"Allow": ", ".join(allowed_methods(request))} if error.status_code == 405 else error.headers
     code, title, detail = HTTP_TITLES.get(error.status_code, ("http-error", "The request was refused", "The request was refused."))
     problem = Problem(type=tree.PROBLEM_TYPE + code, title=title, status=error.status_code, detail=detail, code=code)
-    return problem_response(problem, error.headers)
+    return problem_response(problem, headers)
+
+
+def allowed_methods(request: Request) -> list[str]:
+    """Methods that the address of a request takes; the router itself knows those of one of its routes."""
+    at = [route for route in request.app.routes if route.matches(request.scope)[0] is not Match.NONE]
+    return sorted({method for route in at for method in getattr(route, "methods", None) or ()})
 
 
 async def _on_gone(_: Request, __: Exception) -> Response:

@@ -10,6 +10,7 @@ from schemas.mesh import PreprocessOptions, Problem
 from service.errors import PROBLEM_JSON
 
 PROBLEMS = {
+    400: "The request is not well-formed, or its body breaks its own format",
     401: "No key, or one that is not good here",
     403: "The key has not the scope, or the signature does not fit",
     404: "There is no such mesh",
@@ -115,6 +116,8 @@ def schema_of(model: type[BaseModel]) -> dict[str, Any]:
             return part
         named = part.get("$ref", "").removeprefix("#/$defs/")
         rest = {name: placed(value) for name, value in part.items() if name != "$ref"}
+        if (each := rest.get("prefixItems")) and all(item == each[0] for item in each):  # a vector, as every tool reads it
+            rest = {name: value for name, value in rest.items() if name != "prefixItems"} | {"items": each[0]}
         return placed(definitions[named]) | rest if named else rest
 
     found: dict[str, Any] = placed(described)
