@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 FINDINGS = Path(__file__).parent / "findings"
@@ -16,6 +17,8 @@ ROOT = Path(__file__).parents[2]
 INSTRUMENTED = ["backend", "service", "worker", "trimesh"]
 COMPILED = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in ROOT.glob("*/kernels/*.py")]
 """Numba compiles no instrumented code."""
+SERVICE = "service"
+ENVIRONMENT = {"SILHOUETTE_REQUIRE_KEYS": "1", "SILHOUETTE_WARM_KERNELS": "0", "SILHOUETTE_MEASURE": "0", "SILHOUETTE_MAX_UPLOAD_MIB": "4"}
 MEMORY_MIB = 2600
 INPUT_BYTES = 8192
 INPUT_S = 20
@@ -28,12 +31,31 @@ def main() -> int:
         return _fuzz(flags.one, flags.corpus, flags.seconds)
     from tests.fuzz.targets import TARGETS
 
-    names = flags.targets.split(",") if flags.targets else list(TARGETS)
+    names = flags.targets.split(",") if flags.targets else [*TARGETS, SERVICE]
     command = [sys.executable, "-m", "tests.fuzz", "--seconds", str(flags.seconds), "--corpus", str(flags.corpus), "--one"]
-    broken = [name for name in names if subprocess.run([*command, name], check=False).returncode]
+    broken = [name for name in names if name != SERVICE and subprocess.run([*command, name], check=False).returncode]
     for name in broken:
         print(f"{name}: findings are in {flags.corpus / name}")
-    return 1 if broken else 0
+    found = _check_service(flags.seconds) if SERVICE in names else ""
+    print(found, end="")
+    return 1 if broken or found else 0
+
+
+def _check_service(seconds: int) -> str:
+    """What schemathesis finds in so many seconds, in a service of its own."""
+    from client import Client
+    from client.local import LocalKeys, LocalService
+    from client.shapes import write_ply
+    from tests.fuzz.service import check_service
+    from tests.meshes import cube
+
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        token = LocalKeys(folder).add_key("fuzz", scopes=["read", "write", "admin"]).token
+        write_ply(str(folder / "cube.ply"), *cube(3))
+        with LocalService(folder, ENVIRONMENT, ("--workers", "1")) as service, Client(service.url, timeout_s=120.0, key=token) as client:
+            mesh = client.wait(client.upload(folder / "cube.ply", hull_faces=100, texels=64).id, timeout_s=600.0)
+            return check_service(service.url, token, mesh.id, folder, "--max-time", str(seconds))
 
 
 def _flags() -> argparse.Namespace:
