@@ -27,6 +27,7 @@ from schemas.conventions import Array
 from schemas.errors import CorruptArtifactError, DamagedArtifactError
 
 DTYPE_NAMES = {"<f8": "F64", "<f4": "F32", "<i8": "I64", "<i4": "I32", "<u4": "U32", "|u1": "U8"}
+DTYPES = {name: dtype for dtype, name in DTYPE_NAMES.items()}
 HEADER_LIMIT = 1 << 20  # bytes; ours are below 2000
 ALIGNMENT = 8  # bytes, of the first tensor: header and its length are padded to it
 METADATA = "__metadata__"
@@ -153,7 +154,7 @@ def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
 
 
 def _place(entry: dict[str, Any], data_start: int, size: int) -> tuple[str, tuple[int, ...], int]:
-    dtype = next(ours for ours, theirs in DTYPE_NAMES.items() if theirs == entry["dtype"])
+    dtype = DTYPES[entry["dtype"]]
     shape = tuple(int(side) for side in entry["shape"])
     begin, end = entry["data_offsets"]
     if min(shape, default=0) < 0 or end - begin != math.prod(shape) * np.dtype(dtype).itemsize:

@@ -7,6 +7,7 @@ claim, takes too long or too much memory is left beside the corpus; once the fau
 from __future__ import annotations
 
 import argparse
+import logging
 import subprocess
 import sys
 import tempfile
@@ -73,6 +74,7 @@ def _fuzz(name: str, corpus: Path, seconds: int) -> int:
     with atheris.instrument_imports(include=INSTRUMENTED, exclude=COMPILED):
         from tests.fuzz.seeds import seeds
         from tests.fuzz.targets import TARGETS
+    logging.disable()
     target = TARGETS[name]
     folder = corpus / name / "corpus"
     folder.mkdir(parents=True, exist_ok=True)

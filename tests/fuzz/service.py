@@ -54,6 +54,6 @@ def check_service(url: str, token: str, mesh: str, folder: Path, *arguments: str
     document.write_text(answer.text.replace(EXAMPLE_MESH, mesh))
     command = [str(Path(sys.executable).with_name("schemathesis")), "--config-file", str(config), "run", str(document), "--url", url]
     flags = ["--checks", "all", "--continue-on-failure", "--request-timeout", "60", "--header", f"Authorization: Bearer {token}"]
-    done = subprocess.run([*command, *flags, *arguments], capture_output=True, check=False)
+    done = subprocess.run([*command, *flags, *arguments], capture_output=True, check=False, cwd=folder)
     said = done.stdout.decode(errors="replace") + done.stderr.decode(errors="replace")
     return "" if done.returncode == 0 else said[-REPORTED_CHARS:]
