@@ -50,7 +50,10 @@ LIMIT_S = 900.0
 
 @dataclass
 class Outcome:
-    """What became of the uploads. right: ready, clippable, of as many faces as were sent, every file as its record says."""
+    """What became of the uploads. right: ready, clipped, every file as its record says; twice: meshes and files beyond one an upload.
+
+    running_at_kills: stages that the service told were running, those of workers that had just been killed among them.
+    """
 
     uploads: int
     right: int = 0
@@ -59,7 +62,7 @@ class Outcome:
     worker_kills: int = 0
     fork_kills: int = 0
     server_kills: int = 0
-    stages_killed: dict[str, int] = field(default_factory=dict)
+    running_at_kills: dict[str, int] = field(default_factory=dict)
     refused_then_accepted: int = 0
     orphans: int = 0
     temporary_files_before_sweep: int = 0
@@ -82,7 +85,7 @@ class Killer(threading.Thread):
         self._order = ["worker"] * kills + ["server"] * server_kills
         self._chance.shuffle(self._order)
         self.done: Counter[str] = Counter()
-        self.stages: Counter[str] = Counter()
+        self.running: Counter[str] = Counter()
 
     def run(self) -> None:
         """One after the other."""
@@ -100,7 +103,7 @@ class Killer(threading.Thread):
         stages = self._running() if forks else []
         kind, pids = ("fork", forks) if forks and self._chance.random() < 0.5 else ("worker", workers if forks else [])
         if killed := self._killed(kind, pids):
-            self.stages.update(stages)
+            self.running.update(stages)
         return killed
 
     def _killed(self, kind: str, pids: list[int]) -> bool:
@@ -185,7 +188,7 @@ def _upload_under_fire(folder: Path, outcome: Outcome, kills: int, server_kills:
         killer.join(timeout=1.0)
         again = [_upload(service.url, path, outcome) for path in files]
     outcome.worker_kills, outcome.fork_kills, outcome.server_kills = (killer.done[name] for name in ("worker", "fork", "server"))
-    outcome.stages_killed = dict(killer.stages.most_common())
+    outcome.running_at_kills = dict(killer.running.most_common())
     store = Store(folder / "store")
     outcome.wrong = [fault for mesh_id in accepted if (fault := _fault(store, mesh_id))]
     outcome.right = outcome.uploads - len(outcome.wrong)

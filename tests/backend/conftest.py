@@ -1,10 +1,9 @@
-import ctypes
-
 import pytest
 
 from backend.queue import JobQueue, connect
 from backend.store import Store
 from service.embedded import EmbeddedBackend
+from tests.disks import mounted
 
 
 @pytest.fixture(scope="session")
@@ -37,10 +36,5 @@ def queue(connection, store):
 @pytest.fixture
 def small_disk(tmp_path):
     """A file system of 1 MiB, to be filled for real."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    mount = tmp_path / "small"
-    mount.mkdir()
-    if libc.mount(b"tmpfs", bytes(mount), b"tmpfs", 0, b"size=1m") != 0:
-        pytest.skip("may not mount a small file system here")
-    yield mount
-    libc.umount2(bytes(mount), 2)
+    with mounted(tmp_path / "small", 1) as mount:
+        yield mount
