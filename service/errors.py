@@ -24,6 +24,7 @@ from schemas.scene import TRANSFORM_FORMS
 log = logging.getLogger("silhouette.service")
 
 PROBLEM_JSON = "application/problem+json"
+METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 
 HTTP_TITLES = {
     400: ("bad-request", "The request cannot be read", "The request is not well-formed HTTP or its body breaks its own format."),
@@ -179,8 +180,8 @@ async def _on_http(request: Request, error: Exception) -> Response:
 
 def allowed_methods(request: Request) -> list[str]:
     """Methods that the address of a request takes; the router itself knows those of one of its routes."""
-    at = [route for route in request.app.routes if route.matches(request.scope)[0] is not Match.NONE]
-    return sorted({method for route in at for method in getattr(route, "methods", None) or ()})
+    routes = request.app.routes
+    return [method for method in METHODS if any(route.matches({**request.scope, "method": method})[0] is Match.FULL for route in routes)]
 
 
 async def _on_gone(_: Request, __: Exception) -> Response:
