@@ -3,8 +3,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 MESH ?=
+SECONDS ?= 60
 
-.PHONY: help setup setup-dev setup-bench demo test check format bench serve lock clean
+.PHONY: help setup setup-dev setup-bench demo test check format fuzz bench serve lock clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -29,6 +30,9 @@ check: setup-dev  ## style, types, import directions
 
 format: setup-dev  ## rewrite the sources in the project's format
 	@$(BIN)/ruff check --fix-only --quiet . ; $(BIN)/ruff format .
+
+fuzz: setup-dev  ## fuzz every reader of strangers' bytes, then the service by its OpenAPI document; SECONDS=60 for each
+	@$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
 
 bench: setup-bench  ## all benchmarks and the tables in docs/results; MESH=path for one mesh of your own
 	@if [ -n "$(MESH)" ]; then for table in preprocessing hulls table2 table1; do \

@@ -24,9 +24,10 @@ from backend.store import Store
 from schemas import keys
 from schemas.artifacts import Layout
 from schemas.conventions import Array
-from schemas.errors import CorruptArtifactError
+from schemas.errors import CorruptArtifactError, DamagedArtifactError
 
 DTYPE_NAMES = {"<f8": "F64", "<f4": "F32", "<i8": "I64", "<i4": "I32", "<u4": "U32", "|u1": "U8"}
+DTYPES = {name: dtype for dtype, name in DTYPE_NAMES.items()}
 HEADER_LIMIT = 1 << 20  # bytes; ours are below 2000
 ALIGNMENT = 8  # bytes, of the first tensor: header and its length are padded to it
 METADATA = "__metadata__"
@@ -77,6 +78,17 @@ def open_artifact(path: Path, layout: Layout, *, identity: str | None = None, ve
     if verify and content_sha256(_ordered(tensors)) != header.sha256:
         raise CorruptArtifactError("an artifact's bytes have changed since it was written", file=layout.file)
     return tensors
+
+
+def read_artifact(store: Store, mesh_id: str, layout: Layout) -> dict[str, Array]:
+    """The tensors of a mesh's artifact as `open_artifact` gives them, all bytes compared with the sha256 they were written with.
+
+    Raises NotFoundError, DamagedArtifactError.
+    """
+    try:
+        return open_artifact(store.local_path(keys.artifact(mesh_id, layout.file)), layout, verify=True)
+    except CorruptArtifactError as error:
+        raise DamagedArtifactError(error.message, **{**error.where, "mesh": mesh_id}) from error
 
 
 def read_header(path: Path, layout: Layout) -> Header:
@@ -142,7 +154,7 @@ def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
 
 
 def _place(entry: dict[str, Any], data_start: int, size: int) -> tuple[str, tuple[int, ...], int]:
-    dtype = next(ours for ours, theirs in DTYPE_NAMES.items() if theirs == entry["dtype"])
+    dtype = DTYPES[entry["dtype"]]
     shape = tuple(int(side) for side in entry["shape"])
     begin, end = entry["data_offsets"]
     if min(shape, default=0) < 0 or end - begin != math.prod(shape) * np.dtype(dtype).itemsize:

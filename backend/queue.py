@@ -27,6 +27,7 @@ from rq.registry import StartedJobRegistry
 from rq.serializers import JSONSerializer
 
 from backend import records
+from backend.damage import drop_damaged
 from backend.manifests import build_manifest, failed_record
 from backend.problems import BROKEN, problem_of
 from backend.progress import Progress
@@ -199,6 +200,17 @@ class JobQueue:
         self.progress.clear(mesh_id)
         self.progress.notify(mesh_id)
         return existed
+
+    def rebuild(self, mesh_id: str) -> list[str]:
+        """Run the stages of a mesh again whose files are damaged; their names. Nothing of a mesh that is deleted or sound."""
+        dropped: list[str] = []
+        with contextlib.suppress(CancelledError):
+            dropped = drop_damaged(self.store, mesh_id)
+        try:
+            self.advance(mesh_id)
+        except redis.RedisError as error:  # the reconciler will do it
+            log.warning("stages not enqueued: %s", error, extra={"mesh": mesh_id})
+        return dropped
 
     def read_once(self, token: str, extension: str, options: Mapping[str, Any], limit_s: float) -> None:
         """Have a mesh read that is not kept (`backend.once`), in so many seconds from now or never. Raises redis.RedisError."""

@@ -15,6 +15,7 @@
     ├── QuotaError              a key is over its own quota, carries retry_after_s 429
     ├── StorageFullError        no space to accept the bytes                       507
     ├── CorruptArtifactError    a stored artifact fails its own checks             500
+    │   └── DamagedArtifactError its bytes are not those that were written         409 (it is made again)
     ├── StageFailedError        a preprocessing stage could not finish             kept as the mesh's failure
     └── CancelledError          the mesh was deleted while a stage ran             never leaves the worker
 
@@ -135,6 +136,10 @@ class CorruptArtifactError(SilhouetteError):
     """A stored artifact does not pass its own checks."""
 
     code = "corrupt-artifact"
+
+
+class DamagedArtifactError(CorruptArtifactError):
+    """The bytes of a stored artifact are not those that were written, so its stage is to run again; `where["mesh"]` is the mesh."""
 
 
 class StageFailedError(SilhouetteError):

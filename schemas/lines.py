@@ -115,9 +115,13 @@ class Lines(_Part):
         "pixels", description="widths everywhere the same, or that of the middle of the mesh, less behind it and more before it"
     )
     pull: Pull = Pull()
-    charcoal: bool = Field(False, description="fattened only: front faces seen nearly edge-on are made fatter too, and shaded (1 + V.N)/3")
+    charcoal: bool = Field(
+        False, strict=True, description="fattened only: front faces seen nearly edge-on are made fatter too, and shaded (1 + V.N)/3"
+    )
     orientation: Literal["trusted", "any"] = Field(
         "trusted", description="any: faces may be turned any way; the nearest layer is found by an id buffer instead of by facing"
     )
-    declutter: bool = Field(False, description="fattened only: widths shrink with the distance of the whole mesh beyond the fitting one")
+    declutter: bool = Field(
+        False, strict=True, description="fattened only: widths shrink with the distance of the whole mesh beyond the fitting one"
+    )
     stroke: Stroke | None = Field(None, description="strokes only: how lines change along themselves; the same everywhere if not given")

@@ -34,7 +34,7 @@ class PlanReport(BaseModel):
     why: str = Field(description="why this rung")
     considered: int = Field(description="rungs that the mesh has")
     level_faces: int | None = Field(None, description="faces of the level that the outline is taken from; none for the mesh itself")
-    error_px: float | None = Field(description="pixels by which the outline may be off the mesh's; none for a smooth one")
+    error_px: float | None = Field(None, description="pixels by which the outline may be off the mesh's; none for a smooth one")
     bound: Literal["certified", "measured", "nominal"] = Field(
         description="certified: error_px holds whatever the mesh and the driver; measured: it was the largest found for this mesh; "
         "nominal: that of an ideal driver"

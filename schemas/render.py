@@ -108,7 +108,7 @@ class Shading(_Request):
 
     mode: ShadingMode = ShadingMode.LAMBERT
     color: str = Field("#c8c8c8", pattern=r"^#[0-9a-fA-F]{6}$", description="sRGB surface colour where the mesh has none")
-    use_mesh_color: bool = Field(True, description="use the mesh's own colours when it has them")
+    use_mesh_color: bool = Field(True, strict=True, description="use the mesh's own colours when it has them")
     light: Vector | None = Field(None, description="direction towards the light in camera space; default: up, right and behind the eye")
     ambient: FiniteFloat = Field(0.25, ge=0.0, le=1.0)
     fill: Fill = Field(Fill.SHADED, description="under lines: the shaded surface, a white one, or nothing but the lines")
@@ -146,7 +146,9 @@ class Accuracy(_Request):
 
     antialias: Antialias = Antialias.AUTO
     source: Source = Source.AUTO
-    smooth: bool = Field(False, description="curve the outline by the surface's normals, for coarse meshes; only with coverage")
+    smooth: bool = Field(
+        False, strict=True, description="curve the outline by the surface's normals, for coarse meshes; only with coverage"
+    )
     max_error_px: FiniteFloat | None = Field(None, gt=0.0, description=MAX_ERROR)
     budget_ms: FiniteFloat | None = Field(None, gt=0.0, description=BUDGET)
     min_psnr_db: FiniteFloat | None = Field(None, gt=0.0, description="decibels that shading must reach where it was measured")
@@ -196,15 +198,17 @@ class SilhouetteRequest(_Request):
     """One silhouette; with `kinds` or `visible_only` also lines, as polylines in the image, told apart by whether they are hidden."""
 
     camera: AnyCamera = OrbitCamera(orbit=Orbit(azimuth_deg=30.0, elevation_deg=20.0))
-    contours: bool = Field(True, description="link the edges into closed contours")
-    positions: bool = Field(True, description="include the positions of the vertices, model units")
+    contours: bool = Field(True, strict=True, description="link the edges into closed contours")
+    positions: bool = Field(True, strict=True, description="include the positions of the vertices, model units")
     project: ProjectTo | None = Field(None, description="include the vertices' pixel coordinates in an image of this size")
-    smooth: bool = Field(False, description="add the contours of the surface with interpolated normals, as curves; needs `project`")
+    smooth: bool = Field(
+        False, strict=True, description="add the contours of the surface with interpolated normals, as curves; needs `project`"
+    )
     max_error_px: FiniteFloat | None = Field(None, gt=0.0, description=MAX_ERROR + "; needs `project`")
     kinds: list[LineKind] | None = Field(
         None, min_length=1, description='lines of these kinds, of any mesh; ["silhouette"] with `visible_only`, else none; needs `project`'
     )
-    visible_only: bool = Field(False, description="lines without what is hidden; otherwise that comes marked; needs `project`")
+    visible_only: bool = Field(False, strict=True, description="lines without what is hidden; otherwise that comes marked; needs `project`")
     ridge_deg: FiniteFloat = Field(60.0, ge=0.0, le=180.0, description="a convex edge is a ridge where normals turn by more than this")
     valley_deg: FiniteFloat = Field(60.0, ge=0.0, le=180.0, description="a concave edge is a valley where normals turn by more than this")
     crease_deg: FiniteFloat = Field(60.0, ge=0.0, le=180.0, description="an edge is a crease where normals turn by more than this")

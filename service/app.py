@@ -23,7 +23,7 @@ from backend import once, records
 from backend.queue import JobQueue, connect
 from backend.tracing import open_tracing
 from schemas.errors import SilhouetteError
-from service import errors
+from service import damage, errors
 from service.access.guard import AccessGuard
 from service.access.policy import open_access
 from service.assets import AssetCache
@@ -60,7 +60,7 @@ MOVED_BODIES = re.compile(r"/v1/meshes/[^/]+/(render|silhouette|frames)")
 
 KEYED: dict[str, Any] = {
     "dependencies": [Depends(HTTPBearer(auto_error=False, description="an API key, where the service asks for one"))],
-    "responses": problems(401, 403, 429),
+    "responses": problems(400, 401, 403, 429),
 }
 """What OpenAPI says of all calls but health; that it is so is the guard's work."""
 
@@ -125,6 +125,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )
     app.state.metrics = counted
     errors.install(app)
+    damage.install(app)
     app.add_middleware(RouteNoted)
     app.add_middleware(BodyLimit, limit_bytes=settings.max_body_kib * 1024, unlimited=counts_itself)
     app.add_middleware(AccessGuard, allowed_origins=settings.cors_origins)

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from backend.artifacts import open_artifact
+from backend.artifacts import read_artifact
 from backend.store import Store
 from geometry.tile_layout import TileLayout
 from geometry.topology import EdgeTable, build_edges, signed_volume
-from schemas import artifacts, keys
+from schemas import artifacts
 from schemas.conventions import F4, F8, I4, Array, Frame
 from schemas.errors import NotReadyError
 from schemas.jobs import LATER_STAGES
@@ -251,7 +251,7 @@ def state_of(manifest: Manifest) -> str:
 
 
 def load_asset(store: Store, manifest: Manifest) -> MeshAsset:
-    """Map the artifacts that there are of a ready or loaded mesh. Raises NotReadyError when it is neither, CorruptArtifactError."""
+    """Map the artifacts that there are of a ready or loaded mesh. Raises NotReadyError when it is neither, DamagedArtifactError."""
     if manifest.status == "failed" or manifest.frame is None:
         raise NotReadyError("the mesh is not ready")
     tensors = _mapper(store, manifest)
@@ -285,7 +285,7 @@ def _mapper(store: Store, manifest: Manifest) -> Tensors:
     present = {name for stage in manifest.stages for name in stage.artifacts}
 
     def tensors(layout: artifacts.Layout) -> dict[str, Any] | None:
-        return open_artifact(store.local_path(keys.artifact(manifest.id, layout.file)), layout) if layout.file in present else None
+        return read_artifact(store, manifest.id, layout) if layout.file in present else None
 
     return tensors
 
@@ -326,7 +326,7 @@ class AssetCache:
         self._lock = threading.Lock()
 
     def get(self, manifest: Manifest) -> MeshAsset:
-        """The asset of a ready or loaded mesh. Raises NotReadyError, CorruptArtifactError."""
+        """The asset of a ready or loaded mesh. Raises NotReadyError, DamagedArtifactError."""
         state = state_of(manifest)
         with self._lock:
             earlier, kept = self._kept.get(manifest.id, (None, None))

@@ -13,6 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import Match
 
 from backend.problems import PRIVATE, STATUS
 from schemas import errors as tree
@@ -24,6 +25,7 @@ from service.request_record import REQUEST_ID, current_request
 log = logging.getLogger("silhouette.service")
 
 PROBLEM_JSON = "application/problem+json"
+METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 
 HTTP_TITLES = {
     400: ("bad-request", "The request cannot be read", "The request is not well-formed HTTP or its body breaks its own format."),
@@ -172,11 +174,18 @@ async def _on_invalid(_: Request, error: Exception) -> Response:
     return problem_response(validation_problem(invalid_fields(error.errors())))
 
 
-async def _on_http(_: Request, error: Exception) -> Response:
+async def _on_http(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
+    headers = {"Allow": ", ".join(allowed_methods(request))} if error.status_code == 405 else error.headers
     code, title, detail = HTTP_TITLES.get(error.status_code, ("http-error", "The request was refused", "The request was refused."))
     problem = Problem(type=tree.PROBLEM_TYPE + code, title=title, status=error.status_code, detail=detail, code=code)
-    return problem_response(problem, error.headers)
+    return problem_response(problem, headers)
+
+
+def allowed_methods(request: Request) -> list[str]:
+    """Methods that the address of a request takes; the router itself knows those of one of its routes."""
+    routes = request.app.routes
+    return [method for method in METHODS if any(route.matches({**request.scope, "method": method})[0] is Match.FULL for route in routes)]
 
 
 async def _on_gone(_: Request, __: Exception) -> Response:

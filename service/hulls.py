@@ -7,12 +7,12 @@ from enum import StrEnum
 
 import numpy as np
 
-from backend.artifacts import open_artifact
+from backend.artifacts import read_artifact
 from backend.glb import bare_glb
 from backend.store import Store
 from geometry.hull_sequence import cut_hull
 from geometry.topology import signed_volume
-from schemas import artifacts, keys
+from schemas import artifacts
 from schemas.conventions import I4
 from schemas.errors import CapabilityError, InvalidRequestError
 from schemas.manifest import Manifest
@@ -53,7 +53,7 @@ def hull_file(store: Store, asset: MeshAsset, side: Side, faces: int) -> HullFil
     Raises InvalidRequestError when that is fewer than this mesh's topology allows, or more than the mesh itself has.
     """
     layout, original = SEQUENCES[side], len(asset.faces)
-    sequence = open_artifact(store.local_path(keys.artifact(asset.id, layout.file)), layout)
+    sequence = read_artifact(store, asset.id, layout)
     steps: I4 = np.asarray(sequence["step_vertices"], np.int32)
     fewest = original - 2 * int(np.count_nonzero((steps[:, 0] >= 0) & (steps[:, 1] >= 0)))
     if faces < fewest:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import BinaryIO
 
@@ -39,11 +40,12 @@ def _header(file: BinaryIO, vertices: int) -> tuple[np.dtype, tuple[int, ...], i
     file.seek(0)
     try:
         version = np.lib.format.read_magic(file)
-        if version not in HEADERS:
-            raise _wrong(f"numpy's file is of version {version[0]}.{version[1]}; 1.0 and 2.0 are read", vertices)
-        shape, fortran, dtype = HEADERS[version](file, max_header_size=HEADER_BYTES)
-    except (ValueError, EOFError, OSError) as error:
+        read = HEADERS.get(version)
+        shape, fortran, dtype = read(file, max_header_size=HEADER_BYTES) if read else ((), False, np.dtype(DTYPES[0]))
+    except Exception as error:  # numpy reads the header as Python, and lets out whatever its parsers raise
         raise _wrong("that is no whole file of numpy", vertices) from error
+    if read is None:
+        raise _wrong(f"numpy's file is of version {version[0]}.{version[1]}; 1.0 and 2.0 are read", vertices)
     if dtype.str not in DTYPES or fortran:
         what = "columns one after the other" if fortran else dtype.str
         raise _wrong(f"positions are float32 or float64, little-endian, in rows; these are {what}", vertices)
@@ -53,7 +55,7 @@ def _header(file: BinaryIO, vertices: int) -> tuple[np.dtype, tuple[int, ...], i
 def _mapped(path: Path, dtype: np.dtype, shape: tuple[int, ...], offset: int, vertices: int) -> Array:
     if len(shape) not in (2, 3) or shape[-2:] != (vertices, 3) or not all(shape):
         raise _wrong(f"the mesh has {vertices:,} vertices: an array is (vertices, 3) or (poses, vertices, 3); this is {shape}", vertices)
-    if path.stat().st_size != offset + dtype.itemsize * int(np.prod(shape, dtype=np.int64)):
+    if path.stat().st_size != offset + dtype.itemsize * math.prod(shape):
         raise _wrong("that is no whole file of numpy", vertices)
     poses = np.memmap(path, dtype, "r", offset, shape)
     return poses if len(shape) == 3 else poses[None]

@@ -33,7 +33,14 @@ from backend.problems import problem_of
 from backend.queue import JobQueue
 from backend.store import Store
 from schemas import keys
-from schemas.errors import CancelledError, SilhouetteError, StageFailedError, StorageFullError, StoreUnavailableError
+from schemas.errors import (
+    CancelledError,
+    DamagedArtifactError,
+    SilhouetteError,
+    StageFailedError,
+    StorageFullError,
+    StoreUnavailableError,
+)
 from schemas.jobs import LATER_STAGES
 from schemas.manifest import StageRecord
 from worker import stages
@@ -77,6 +84,9 @@ def run_stage(mesh_id: str, stage: str) -> None:
     except CancelledError:
         log.info("stopped: the mesh is gone", extra={"mesh": mesh_id, "stage": stage})
         jobs.progress.clear(mesh_id)
+    except DamagedArtifactError:
+        log.exception("an input is damaged", extra={"mesh": mesh_id, "stage": stage})
+        jobs.rebuild(mesh_id)
     except (StorageFullError, StoreUnavailableError):  # the reconciler starts the stage again, until it can be stored
         log.exception("not stored", extra={"mesh": mesh_id, "stage": stage})
 
@@ -84,7 +94,7 @@ def run_stage(mesh_id: str, stage: str) -> None:
 def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | None:
     """Run one stage and publish its result with its record; None when it paused, and is to be started again.
 
-    Raises CancelledError, StorageFullError, StoreUnavailableError, and what is nobody's fault.
+    Raises CancelledError, StorageFullError, StoreUnavailableError, DamagedArtifactError, and what is nobody's fault.
     """
     started = time.perf_counter()
     look = Paced(lambda: check_wanted(jobs.store, mesh_id, stage), jobs.store.look_interval_s)
@@ -105,7 +115,7 @@ def run_and_record(jobs: JobQueue, mesh_id: str, stage: str) -> StageRecord | No
                 peak_mib=peak_mib(),
             )
             records.write_stage(jobs.store, mesh_id, record)
-    except (CancelledError, StorageFullError, StoreUnavailableError):
+    except (CancelledError, StorageFullError, StoreUnavailableError, DamagedArtifactError):
         raise
     except (SilhouetteError, MemoryError, JobTimeoutException) as error:
         record = failed_record(stage, time.perf_counter() - started, problem_of(fault_of(error)))

@@ -29,12 +29,12 @@ import numpy as np
 import numpy.typing as npt
 
 from backend import records
-from backend.artifacts import open_artifact
+from backend.artifacts import read_artifact
 from backend.store import Store
 from schemas import artifacts, jobs, keys
 from schemas.artifacts import Layout
 from schemas.conventions import F4, I4, Frame
-from schemas.errors import CorruptArtifactError
+from schemas.errors import CorruptArtifactError, DamagedArtifactError
 from schemas.manifest import Accepted
 from worker import downloads
 from worker.bake import Maps, bake_hull, hull_normals
@@ -125,17 +125,16 @@ class Inputs:
         """The uploaded file. Raises NotFoundError."""
         return self.store.local_path(keys.upload(self.accepted.upload_sha256))
 
-    def tensors(self, layout: Layout, *, verify: bool = False) -> Tensors:
+    def tensors(self, layout: Layout) -> Tensors:
         """An artifact in memory: copies, since kernels compiled for writable arrays would be compiled again for views.
 
-        `verify` compares its bytes with the sha256 it was written with. Raises NotFoundError, CorruptArtifactError.
+        Raises NotFoundError, DamagedArtifactError.
         """
-        path = self.store.local_path(keys.artifact(self.mesh_id, layout.file))
-        return {name: np.array(view) for name, view in open_artifact(path, layout, verify=verify).items()}
+        return {name: np.array(view) for name, view in read_artifact(self.store, self.mesh_id, layout).items()}
 
-    def tensors_if_any(self, layout: Layout, *, verify: bool = False) -> Tensors | None:
+    def tensors_if_any(self, layout: Layout) -> Tensors | None:
         """The same, or None where the mesh has no such artifact."""
-        return self.tensors(layout, verify=verify) if self.has(layout) else None
+        return self.tensors(layout) if self.has(layout) else None
 
     def has(self, layout: Layout) -> bool:
         """Whether the mesh has such an artifact."""
@@ -251,7 +250,7 @@ def verify(inputs: Inputs) -> Result:
     A fault in what clipping needs takes that capability from the mesh, which is then drawn from the original; a fault in a level
     or an inner hull takes those. Raises CorruptArtifactError when the mesh itself is at fault.
     """
-    mesh = inputs.tensors(artifacts.MESH, verify=True)
+    mesh = inputs.tensors(artifacts.MESH)
     if not inputs.clippable:
         return Result({"capabilities": {}, **verify_artifacts(mesh, None, None, None, inputs.progress)})
     # what all checks stand on: kernels take indices as they are
@@ -265,15 +264,19 @@ def verify(inputs: Inputs) -> Result:
     try:
         report |= of_clipping.result()
     except CorruptArtifactError as error:
-        if error.where.get("artifact") not in CLIPPING_PARTS:
+        if isinstance(error, DamagedArtifactError) or error.where.get("artifact") not in CLIPPING_PARTS:
             raise
         capabilities["clip"] = withheld("clipping", error)
     try:
         report["levels"] = [of_level.result() for of_level in of_levels]
+    except DamagedArtifactError:
+        raise
     except CorruptArtifactError as error:
         capabilities["levels"] = withheld("levels", error)
     try:
         report["inner"] = of_inner.result() or None
+    except DamagedArtifactError:
+        raise
     except CorruptArtifactError as error:
         capabilities["inner"] = withheld("inner hulls", error)
     return Result(report)
@@ -281,7 +284,7 @@ def verify(inputs: Inputs) -> Result:
 
 def clipping_checked(inputs: Inputs, mesh: Tensors) -> dict[str, Any]:
     """What was checked of the mesh and of what clipping needs. Raises CorruptArtifactError."""
-    coarse, maps, search = (inputs.tensors_if_any(layout, verify=True) for layout in (artifacts.HULL, artifacts.MAPS, artifacts.TREE))
+    coarse, maps, search = (inputs.tensors_if_any(layout) for layout in (artifacts.HULL, artifacts.MAPS, artifacts.TREE))
     return verify_artifacts(mesh, coarse, maps, search, lambda part: None)
 
 
@@ -289,7 +292,7 @@ def level_checks(inputs: Inputs, original: Solid) -> list[Callable[[], dict[str,
     """A check for each level that the mesh has: what was checked of it. They raise CorruptArtifactError."""
 
     def check(place: Layout, tree_place: Layout) -> dict[str, Any]:
-        return verify_level(original, inputs.tensors(place, verify=True), inputs.tensors(tree_place, verify=True))
+        return verify_level(original, inputs.tensors(place), inputs.tensors(tree_place))
 
     places = zip(artifacts.LEVELS, artifacts.LEVEL_TREES, strict=True)
     return [partial(check, *pair) for pair in places if all(inputs.has(layout) for layout in pair)]
@@ -297,7 +300,7 @@ def level_checks(inputs: Inputs, original: Solid) -> list[Callable[[], dict[str,
 
 def inner_checked(inputs: Inputs, original: Solid) -> dict[str, Any]:
     """What was checked of the inner hulls, nothing where the mesh has none. Raises CorruptArtifactError."""
-    sequence = inputs.tensors_if_any(artifacts.INNER_SEQUENCE, verify=True)
+    sequence = inputs.tensors_if_any(artifacts.INNER_SEQUENCE)
     return verify_inner(original, sequence) if sequence else {}
 
 

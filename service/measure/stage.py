@@ -43,7 +43,7 @@ def measure_mesh(store: Store, mesh_id: str, progress: Callable[[float], None], 
     """The ladder of a mesh as JSON, or None when `pause` stopped it; what it had is kept, and goes on where it stopped.
 
     It makes a GL context: the process has none and does not fork afterwards. progress takes 0..1 between steps and may raise. Raises
-    NotReadyError, CorruptArtifactError, StageFailedError where nothing can be drawn on this machine, StorageFullError, CancelledError
+    NotReadyError, DamagedArtifactError, StageFailedError where nothing can be drawn on this machine, StorageFullError, CancelledError
     when the mesh is deleted meanwhile.
     """
     asset = load_asset(store, _ready(store, mesh_id))

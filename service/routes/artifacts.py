@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive, Scope, Send
 
-from backend.artifacts import open_artifact
+from backend.artifacts import read_artifact
 from backend.glb import bare_glb
 from schemas import keys
 from schemas.artifacts import DOWNLOADS, FILE_VERTEX, FILE_VERTICES, HULL_GLB, ORIGINAL_GLB
@@ -18,6 +18,7 @@ from schemas.conventions import Array
 from schemas.errors import InvalidRequestError, NotFoundError
 from schemas.manifest import Manifest
 from service.caching import IMMUTABLE, entity_tag, not_modified
+from service.damage import check_download
 from service.hulls import HullFile, Side, hull_file, require_hulls
 from service.routes.documented import problems
 from service.state import Parts, Services
@@ -82,6 +83,7 @@ async def artifact(
         path = await to_thread.run_sync(parts.store.local_path, keys.artifact(mesh_id, name))
     except NotFoundError:
         raise NotFoundError(f"This mesh has no {name}.") from None
+    await to_thread.run_sync(check_download, path, manifest, name)
     return Download(path, media_type=DOWNLOADS[name], headers={"ETag": tag, "Cache-Control": IMMUTABLE})
 
 
@@ -104,7 +106,7 @@ def _numbers(parts: Services, manifest: Manifest) -> dict[str, Array]:
     """The attribute of an original that says which vertex of the upload each vertex was, where that was kept and float32 can say it."""
     if not any(FILE_VERTICES.file in stage.artifacts for stage in manifest.stages):
         return {}
-    numbers = open_artifact(parts.store.local_path(keys.artifact(manifest.id, FILE_VERTICES.file)), FILE_VERTICES)["file_vertices"]
+    numbers = read_artifact(parts.store, manifest.id, FILE_VERTICES)["file_vertices"]
     return {FILE_VERTEX: numbers} if numbers.max(initial=0) <= MOST_NUMBER else {}
 
 

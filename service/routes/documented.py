@@ -10,6 +10,7 @@ from schemas.mesh import PreprocessOptions, Problem
 from service.errors import PROBLEM_JSON
 
 PROBLEMS = {
+    400: "The request is not well-formed, or its body breaks its own format",
     401: "No key, or one that is not good here",
     403: "The key has not the scope, or the signature does not fit",
     404: "There is no such mesh",
@@ -79,7 +80,7 @@ def image_answer(*media_types: str, plan: type[BaseModel] | None = None) -> dict
     """OpenAPI answer of a route that gives a picture, or how it would make it."""
     binary = {"schema": {"type": "string", "format": "binary"}}
     content: dict[str, Any] = dict.fromkeys(media_types, binary)
-    content |= {} if plan is None else {"application/json": {"schema": plan.model_json_schema()}}
+    content |= {} if plan is None else {"application/json": {"schema": schema_of(plan)}}
     described = {"description": "The picture", "content": content, "headers": IMAGE_HEADERS}
     return {200: described, 304: {"description": "The client has it already"}}
 
@@ -95,7 +96,7 @@ def sequence_answer(*media_types: str) -> dict[int | str, dict[str, Any]]:
 def silhouette_answer(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
     """OpenAPI answer of a route that gives a silhouette."""
     binary = {"schema": {"type": "string", "format": "binary"}}
-    content = {"application/json": {"schema": model.model_json_schema()}, "image/svg+xml": {}, "image/vnd.dxf": binary, RAW_FORMAT: binary}
+    content = {"application/json": {"schema": schema_of(model)}, "image/svg+xml": {}, "image/vnd.dxf": binary, RAW_FORMAT: binary}
     headers = {name: IMAGE_HEADERS[name] for name in ("Server-Timing", "X-Accuracy", "ETag")}
     return {
         200: {"description": "The silhouette", "content": content, "headers": headers},
@@ -103,19 +104,39 @@ def silhouette_answer(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]
     }
 
 
+def schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    """JSON schema of a model that says what it is of in place: references into a schema of its own lead nowhere in a document of many."""
+    described = model.model_json_schema()
+    definitions = described.pop("$defs", {})
+
+    def placed(part: Any) -> Any:
+        if isinstance(part, list):
+            return [placed(item) for item in part]
+        if not isinstance(part, dict):
+            return part
+        named = part.get("$ref", "").removeprefix("#/$defs/")
+        rest = {name: placed(value) for name, value in part.items() if name != "$ref"}
+        if (each := rest.get("prefixItems")) and all(item == each[0] for item in each):  # a vector, as every tool reads it
+            rest = {name: value for name, value in rest.items() if name != "prefixItems"} | {"items": each[0]}
+        return placed(definitions[named]) | rest if named else rest
+
+    found: dict[str, Any] = placed(described)
+    return found
+
+
 def _problem_schema() -> dict[str, Any]:
-    return Problem.model_json_schema()
+    return schema_of(Problem)
 
 
 def _option_parameters() -> list[dict[str, Any]]:
     name = {"name": "name", "in": "query", "required": False, "schema": {"type": "string"}, "example": "knot.ply"}
     name["description"] = "file name; its ending says the format: stl, obj, ply, off, glb, 3mf"
-    fields = PreprocessOptions.model_json_schema()["properties"]
+    fields = schema_of(PreprocessOptions)["properties"]
     return [name, *({"name": key, "in": "query", "required": False, "schema": schema} for key, schema in fields.items())]
 
 
 def _form_schema() -> dict[str, Any]:
-    fields = PreprocessOptions.model_json_schema()["properties"]
+    fields = schema_of(PreprocessOptions)["properties"]
     return {"type": "object", "required": ["file"], "properties": {"file": {"type": "string", "format": "binary"}, **fields}}
 
 

@@ -58,11 +58,14 @@ async def upload_mesh(request: Request, parts: Parts) -> Response:
     return Response(_json(info), 202 if is_new else 200, headers, "application/json")
 
 
+PLACE: dict[str, Any] = {"anyOf": [{"type": "string", "pattern": "^[0-9]{1,19}-[0-9a-f]{32}$"}, {"type": "null"}]}
+
+
 @router.get("", response_model=MeshPage, response_model_exclude_none=True, responses=problems(422, 503))
 def list_meshes(
     parts: Parts,
     limit: Annotated[int, Query(ge=1, le=200, description="meshes on a page")] = 50,
-    after: Annotated[str | None, Query(description="place in the list, from `next` of the page before")] = None,
+    after: Annotated[str | None, Query(description="place in the list, from `next` of the page before", json_schema_extra=PLACE)] = None,
 ) -> MeshPage:
     """A page of meshes, newest first; `next` leads to the following one."""
     return parts.meshes.page(limit, after)

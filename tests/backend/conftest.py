@@ -1,4 +1,3 @@
-import ctypes
 import uuid
 
 import pytest
@@ -8,6 +7,7 @@ from backend.queue import JobQueue, connect
 from backend.s3_client import S3Place
 from backend.s3_store import S3Store
 from service.embedded import EmbeddedBackend
+from tests.disks import mounted
 from tests.s3_server import BUCKET, CREDENTIALS, S3Server
 
 
@@ -63,10 +63,5 @@ def queue(connection, store):
 @pytest.fixture
 def small_disk(tmp_path):
     """A file system of 1 MiB, to be filled for real."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    mount = tmp_path / "small"
-    mount.mkdir()
-    if libc.mount(b"tmpfs", bytes(mount), b"tmpfs", 0, b"size=1m") != 0:
-        pytest.skip("may not mount a small file system here")
-    yield mount
-    libc.umount2(bytes(mount), 2)
+    with mounted(tmp_path / "small", 1) as mount:
+        yield mount

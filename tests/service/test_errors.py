@@ -2,6 +2,7 @@
 
 import json
 
+import httpx
 import pytest
 
 from schemas import errors as tree
@@ -47,3 +48,10 @@ def test_problem_response_is_problem_json_and_is_not_kept():
     assert (answer.status_code, answer.headers["content-type"]) == (503, "application/problem+json")
     assert (answer.headers["retry-after"], answer.headers["cache-control"]) == ("2", "no-store")
     assert json.loads(answer.body)["detail"] == "later"
+
+
+def test_allow_of_a_405_names_every_method_of_the_address(service):
+    with httpx.Client(base_url=service.url) as http:
+        for path, methods in (("/v1/meshes", "GET, POST"), (f"/v1/meshes/{'0' * 32}", "DELETE, GET"), ("/v1/keys", "GET, POST")):
+            answer = http.put(path)
+            assert answer.status_code == 405 and answer.headers["allow"] == methods, path

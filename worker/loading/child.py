@@ -19,11 +19,16 @@ UNUSED = ("scipy", "networkx")
 """What the readers would import for half a second, and do not call; that of 3MF calls the second."""
 
 
+DENIED = ("socket.", "subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.fork", "webbrowser.", "urllib.")
+"""Audit events (PEP 578) of what no reader has any business with."""
+
+
 def main(arguments: list[str]) -> int:
     """Parse the bytes on the standard input within the limits."""
     extension, limits = arguments[0], LoadLimits(**json.loads(arguments[1]))
     parent, result, report = map(int, arguments[2:])
     limit_this_process(limits, parent)
+    deny_network_and_programs()
     try:
         summary = _run(extension, limits, result)
     except SilhouetteError as error:
@@ -34,6 +39,16 @@ def main(arguments: list[str]) -> int:
         summary = _failure(parse_failed("a mesh"))
     _write(report, json.dumps(summary).encode())
     return 0
+
+
+def deny_network_and_programs() -> None:
+    """Make connections, look-ups of names and other programs a PermissionError in this process, for good."""
+
+    def deny(event: str, _: tuple[Any, ...]) -> None:
+        if event.startswith(DENIED):
+            raise PermissionError(event)
+
+    sys.addaudithook(deny)
 
 
 def _failure(error: SilhouetteError) -> dict[str, Any]:

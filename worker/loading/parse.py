@@ -35,18 +35,22 @@ def parse(extension: str, data: bytes, limits: LoadLimits) -> Parsed:
         warnings.filterwarnings("error", message=".*string or file could not be read to its end.*")
         try:
             raw = _read(kind, data, limits)
-            pieces = [p for p in _pieces(raw, limits) if len(p.faces)]
+            pieces = _some([p for p in _pieces(raw, limits) if len(p.faces)])
+            appearance, notes = collect(pieces, kind, limits)
         except (SilhouetteError, MemoryError):
             raise
         except Exception:
             raise parse_failed(kind.upper()) from None
-        if not pieces:
-            raise rejected("no-faces", "The file has no faces.")
-        appearance, notes = collect(pieces, kind, limits)
     starts = np.cumsum([0] + [len(p.vertices) for p in pieces])
     positions = np.concatenate([p.vertices for p in pieces])
     faces = np.concatenate([p.faces + start for p, start in zip(pieces, starts, strict=False)])
     return Parsed(positions, faces.astype(np.int32), appearance, notes | _references(kind, data))
+
+
+def _some(pieces: list[Piece]) -> list[Piece]:
+    if not pieces:
+        raise rejected("no-faces", "The file has no faces.")
+    return pieces
 
 
 def _read(kind: str, data: bytes, limits: LoadLimits) -> dict[str, Any]:
