@@ -26,7 +26,7 @@ import httpx
 
 from backend import records
 from backend.damage import is_sound
-from backend.store import Store
+from backend.local_store import LocalStore
 from benchmarks.machine import machine
 from client import Client
 from client.local import LocalService
@@ -189,7 +189,7 @@ def _upload_under_fire(folder: Path, outcome: Outcome, kills: int, server_kills:
         again = [_upload(service.url, path, outcome) for path in files]
     outcome.worker_kills, outcome.fork_kills, outcome.server_kills = (killer.done[name] for name in ("worker", "fork", "server"))
     outcome.running_at_kills = dict(killer.running.most_common())
-    store = Store(folder / "store")
+    store = LocalStore(folder / "store")
     outcome.wrong = [fault for mesh_id in accepted if (fault := _fault(store, mesh_id))]
     outcome.right = outcome.uploads - len(outcome.wrong)
     stored = len(list(store.children(keys.MESHES))), len(list(store.children(keys.UPLOADS)))
@@ -219,12 +219,12 @@ def _upload(url: str, path: Path, outcome: Outcome) -> str:
 
 
 def _wait(folder: Path, accepted: list[str]) -> None:
-    store, deadline = Store(folder / "store"), time.monotonic() + LIMIT_S
+    store, deadline = LocalStore(folder / "store"), time.monotonic() + LIMIT_S
     while time.monotonic() < deadline and not all(store.exists(keys.manifest(mesh_id)) for mesh_id in accepted):
         time.sleep(0.2)
 
 
-def _fault(store: Store, mesh_id: str) -> str:
+def _fault(store: LocalStore, mesh_id: str) -> str:
     """What is wrong with a mesh; empty when nothing is."""
     manifest = records.read_manifest(store, mesh_id)
     if manifest is None or manifest.status != "ready":

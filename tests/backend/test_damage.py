@@ -8,7 +8,7 @@ import pytest
 from backend import records
 from backend.artifacts import open_artifact, read_artifact, write_artifact
 from backend.damage import drop_damaged, is_sound
-from backend.store import Store
+from backend.local_store import LocalStore
 from schemas import artifacts, keys
 from schemas.errors import CancelledError, CorruptArtifactError, DamagedArtifactError
 from schemas.jobs import STAGES
@@ -25,7 +25,7 @@ SEQUENCE = {
 
 @pytest.fixture
 def store(tmp_path):
-    return Store(tmp_path)
+    return LocalStore(tmp_path)
 
 
 def flip(path, at, bits=0x10):

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from backend.artifacts import write_artifact
-from backend.store import Store
+from backend.local_store import LocalStore
 from schemas import artifacts, keys
 from service.access.signing import signature
 from tests.fuzz.targets import KEY, POSE_VERTICES
@@ -102,7 +102,7 @@ def _artifacts() -> list[bytes]:
     }
     painted = {"corner_color": np.zeros((1, 3, 4), np.uint8)}
     with tempfile.TemporaryDirectory() as folder:
-        store, mesh_id = Store(Path(folder)), "0" * 32
+        store, mesh_id = LocalStore(Path(folder)), "0" * 32
         wanted = ((artifacts.MESH, mesh), (artifacts.HULL_SEQUENCE, sequence), (artifacts.APPEARANCE, painted))
         for layout, tensors in wanted:
             write_artifact(store, mesh_id, layout, tensors, "fuzz")

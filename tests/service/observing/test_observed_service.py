@@ -175,5 +175,8 @@ def test_lines_of_requests_can_be_turned_off(tmp_path):
 def test_an_error_of_the_client_says_which_line_of_the_log_it_is_about(service, client):
     with pytest.raises(NotFoundError) as refused:
         client.info("0" * 32)
-    (line,) = [one for one in lines(service) if one.get("request") == refused.value.request_id and one["logger"] == "silhouette.requests"]
+    wanted, deadline, found = refused.value.request_id, time.monotonic() + 10.0, []
+    while not found and time.monotonic() < deadline:  # it is written once the answer has gone
+        found = [one for one in lines(service) if one.get("request") == wanted and one["logger"] == "silhouette.requests"]
+    (line,) = found
     assert (line["status"], line["code"], line["mesh"]) == (404, "not-found", "0" * 32)
