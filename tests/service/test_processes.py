@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 
 from backend.settings import ENV_PREFIX
+from benchmarks.service import processor_s
 from client.api import Client
 from client.local import LocalService, LocalServiceError
 from client.shapes import write_ply
@@ -34,11 +35,6 @@ def serving(parent: int) -> list[int]:
         except (FileNotFoundError, ProcessLookupError):
             continue
     return sorted(found)
-
-
-def processor_s(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return float(int(fields[11]) + int(fields[12]))
 
 
 @pytest.fixture(scope="module")
