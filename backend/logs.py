@@ -64,5 +64,7 @@ def configure_logs(process: str, level: str) -> None:
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonFormatter(process))
     logging.basicConfig(level=level, handlers=[handler], force=True)
+    # no line says them, and finding them out takes longer than writing it
+    logging._srcfile, logging.logThreads, logging.logProcesses, logging.logMultiprocessing = None, False, False, False
     for chatty in ("rq.worker", "rq.job", "rq.queue"):  # a line for each job and each look around, every two seconds
         logging.getLogger(chatty).setLevel(logging.DEBUG if level == "DEBUG" else logging.WARNING)

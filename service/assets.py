@@ -327,12 +327,11 @@ class AssetCache:
 
     def get(self, manifest: Manifest) -> MeshAsset:
         """The asset of a ready or loaded mesh. Raises NotReadyError, DamagedArtifactError."""
+        if (held := self.held(manifest)) is not None:
+            return held
         state = state_of(manifest)
         with self._lock:
             earlier, kept = self._kept.get(manifest.id, (None, None))
-            if kept is not None and earlier == state:
-                self._kept.move_to_end(manifest.id)
-                return kept
         if kept is not None and earlier is not None and earlier.startswith(READY) and manifest.status == READY:
             tensors = _mapper(self._store, manifest)  # the rest is the same: its trees are packed and its files mapped
             asset = replace(kept, other_hulls=_other_hulls(tensors), ladder=_ladder(manifest))
@@ -344,6 +343,16 @@ class AssetCache:
             while len(self._kept) > 1 and sum(a.nbytes for _, a in self._kept.values()) > self._capacity:
                 self._kept.popitem(last=False)
         return asset
+
+    def held(self, manifest: Manifest) -> MeshAsset | None:
+        """The asset of a mesh if it is in use already: does not block."""
+        state = state_of(manifest)
+        with self._lock:
+            earlier, kept = self._kept.get(manifest.id, (None, None))
+            if kept is None or earlier != state:
+                return None
+            self._kept.move_to_end(manifest.id)
+            return kept
 
     @property
     def nbytes(self) -> int:

@@ -22,12 +22,16 @@ from schemas.jobs import LATER_STAGES, STAGES
 from schemas.keys import MESH_ID, MESHES
 from schemas.manifest import Accepted, Manifest, StageRecord
 from schemas.mesh import BoundingSphere, MeshInfo, MeshPage, MeshStatus, Problem, Stage, StageStatus
+from service.assets import READY
 from service.errors import FailedMeshError
 
 NO_SUCH_MESH = "There is no such mesh; it may have been deleted."
 NOT_READY = "The mesh is accepted, but its preprocessing has not ended."
 KEPT = 256
 """Manifests in memory: with what was measured one takes some hundred KiB."""
+
+RECENT_S = 0.1
+"""Between two looks at a mesh that is drawn again and again: a thread has to be woken for each."""
 
 READ_AT_ONCE = 16
 """Meshes of a page that are read side by side."""
@@ -42,8 +46,8 @@ class Meshes:
 
     Acceptance records never change, so they are kept; so are the manifests of meshes that no stage is to be run for any more, as long
     as their files are the same. Where a look at the store takes milliseconds, a mesh that is ready is looked up every
-    `Store.look_interval_s` only: so much later a replica sees that another has deleted it. `measure`: whether ready meshes go through
-    the later stages here.
+    `Store.look_interval_s` only, and by `recent` nowhere more often than every RECENT_S: so much later a process sees that another has
+    deleted it. `measure`: whether ready meshes go through the later stages here.
     """
 
     def __init__(self, store: Store, progress: Progress, *, measure: bool) -> None:
@@ -64,7 +68,7 @@ class Meshes:
     def manifest(self, mesh_id: str) -> Manifest:
         """The manifest of a mesh that is ready, as `drawable`. Raises NotFoundError, NotReadyError, FailedMeshError."""
         manifest = self.drawable(mesh_id)
-        if manifest.status != "ready":
+        if manifest.status != READY:
             raise NotReadyError(NOT_READY, mesh=mesh_id)
         return manifest
 
@@ -73,9 +77,7 @@ class Meshes:
 
         Raises NotFoundError, NotReadyError, FailedMeshError.
         """
-        with self._lock:
-            looked_s, seen = self._seen.get(mesh_id, (0.0, None))
-        if seen is not None and time.monotonic() - looked_s < self._store.look_interval_s:
+        if (seen := self._seen_within(mesh_id, self._store.look_interval_s)) is not None:
             return seen
         started_s = time.monotonic()
         self._read_accepted(mesh_id)
@@ -86,10 +88,19 @@ class Meshes:
             raise FailedMeshError(
                 manifest.error or Problem(title="Preprocessing failed", status=422, detail="The mesh could not be processed.")
             )
-        if manifest.status == "ready" and self._store.look_interval_s:
+        if manifest.status == READY:
             with self._lock:
                 _put(self._seen, mesh_id, (started_s, manifest))
         return manifest
+
+    def recent(self, mesh_id: str) -> Manifest | None:
+        """What `drawable` found ready a moment ago, without a look at the store: does not block."""
+        return self._seen_within(mesh_id, max(self._store.look_interval_s, RECENT_S))
+
+    def _seen_within(self, mesh_id: str, seconds: float) -> Manifest | None:
+        with self._lock:
+            looked_s, seen = self._seen.get(mesh_id, (0.0, None))
+        return seen if time.monotonic() - looked_s < seconds else None
 
     def page(self, limit: int, after: str | None) -> MeshPage:
         """The `limit` meshes behind the place `after` (a `next` of an earlier page), newest first. Raises InvalidRequestError."""
@@ -123,7 +134,7 @@ class Meshes:
         manifest = records.read_manifest(self._store, mesh_id)
         if manifest is None:  # deleted meanwhile
             return None
-        if manifest.status == "ready":
+        if manifest.status == READY:
             manifest = with_later_stages(self._store, manifest)
         if settled or manifest.status == "failed":
             self._keep(mesh_id, version, manifest)
@@ -171,7 +182,7 @@ class Meshes:
     def _ended(self, accepted: Accepted, manifest: Manifest) -> MeshInfo:
         by_name = {record.stage: record for record in manifest.stages}
         stages = [_stage(name, by_name[name], None) if name in by_name else Stage(name=name, status=StageStatus.SKIPPED) for name in STAGES]
-        if manifest.status == "ready":
+        if manifest.status == READY:
             unended = self._measure and not by_name.keys() >= LATER_STAGES.keys()
             running = self._progress.read(accepted.id) if unended else {}
             later = LATER_STAGES if self._measure else [name for name in LATER_STAGES if name in by_name]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import random
 import re
-import uuid
 from contextvars import ContextVar
 from dataclasses import dataclass
 
@@ -35,7 +35,7 @@ _CURRENT: ContextVar[RequestRecord | None] = ContextVar("request_record", defaul
 
 def begin_request(given_id: str | None) -> RequestRecord:
     """The record of a request that comes now; log lines have its id from here on. Every request has a task, so nothing ends this."""
-    record = RequestRecord(given_id if given_id is not None and GOOD_ID.fullmatch(given_id) else uuid.uuid4().hex)
+    record = RequestRecord(given_id if given_id is not None and GOOD_ID.fullmatch(given_id) else f"{random.getrandbits(128):032x}")
     _CURRENT.set(record)
     bind(**{REQUEST: record.id})
     return record

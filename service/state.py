@@ -50,9 +50,10 @@ class Services:
         return UploadLimits(self.settings.max_upload_mib * 2**20, room)
 
 
-def _services(request: Request) -> Services:
+def services_of(request: Request) -> Services:
+    """The parts of the service that a request came to."""
     return cast(Services, request.app.state.services)
 
 
-Parts = Annotated[Services, Depends(_services)]
+Parts = Annotated[Services, Depends(services_of)]
 """Parameter type of a route that needs the parts."""

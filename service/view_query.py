@@ -246,6 +246,12 @@ class RenderQuery(CameraQuery, StrokeQuery):
         return {"method": self.lines, **given, **more}
 
 
+class ThumbnailQuery(BaseModel):
+    """A picture with nothing to choose but its size."""
+
+    size: int = Field(256, ge=16, le=1024, description="pixels a side", examples=[256])
+
+
 class TurntableQuery(RenderQuery):
     """A picture that turns round."""
 

@@ -45,9 +45,10 @@ def draw_in_bands(frame: FrameState) -> dict[str, float]:
     """
     start = time.perf_counter()
     area, covering = frame.area, frame.mask is None
+    threads = 1 if frame.gpu.crowded else cores()
     if covering:
         frame.mask = np.asarray(frame.gpu.scratch.array("mask", (frame.view.height, frame.view.width), np.uint8), np.uint8)
-    rows = rows_of(area)
+    rows = rows_of(area, threads)
     count, bare = -(-area.height // rows), frame.request.shading.mode is ShadingMode.MASK
     hull, rim, maps = _surface(None if bare else frame.placed)
     shading, taken = _shading(frame, maps), np.zeros(1, np.int64)
@@ -68,16 +69,16 @@ def draw_in_bands(frame: FrameState) -> dict[str, float]:
         draw_bands(*given, _band_scratch.of(*sizes), spent)
         return spent
 
-    spent = np.sum(side_by_side(draw, min(cores(), count)), axis=0)
+    spent = np.add.reduce(side_by_side(draw, min(threads, count)))
     wall_ms = (time.perf_counter() - start) * 1e3
     done = [(name, cycles) for name, cycles in zip(PASSES, spent.tolist(), strict=True) if cycles]
     total = sum(cycles for _, cycles in done)
     return {name: wall_ms * cycles / total for name, cycles in done}
 
 
-def rows_of(area: Tile) -> int:
-    """Rows of a band of an area that is not empty."""
-    wanted = -(-area.height // (BANDS_A_CORE * cores())) if cores() > 1 else area.height
+def rows_of(area: Tile, threads: int) -> int:
+    """Rows of a band of an area that is not empty, for so many threads."""
+    wanted = -(-area.height // (BANDS_A_CORE * threads)) if threads > 1 else area.height
     return max(1, min(max(wanted, LEAST_PIXELS // area.width), MOST_PIXELS // area.width, area.height))
 
 

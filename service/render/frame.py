@@ -153,7 +153,7 @@ class RenderedImage:
     names of the passes that ran. work: what the GL was made to do. rung: source/antialias that was drawn.
     error_px: how far the outline may be off the original's, pixels; None where that is not known. area: outside it there is
     nothing but background. planned: what was decided before, None for a picture of several meshes. edges: of the silhouette it met.
-    ms: from the resolved request to pixels in memory.
+    ms: from the resolved request to pixels in memory. body: the pixels encoded as was asked for, where the renderer did that.
     """
 
     pixels: U1
@@ -166,6 +166,7 @@ class RenderedImage:
     edges: int = 0
     ms: float = 0.0
     work: GlWork = NO_WORK
+    body: bytes | None = None
 
     @property
     def level(self) -> LevelInView | None:

@@ -11,16 +11,17 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextvars import Context, copy_context
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import moderngl
 
 from backend.tracing import add_passes, span
 from schemas.errors import BusyError
-from schemas.render import RenderRequest
+from schemas.render import ImageFormat, RenderRequest
 from service.assets import MeshAsset
 from service.costs import CostModel
 from service.render.context import EglUnavailableError, GlFaultError
+from service.render.encode import encode
 from service.render.fair_queue import FairQueue, FullError
 from service.render.frame import RenderedImage, render_frame
 from service.render.state import Gpu
@@ -35,6 +36,8 @@ FIRST_GUESS_S = 0.05
 LEAST_RETRY_S = 0.1
 TRIES = 2
 """How often a frame is drawn whose GL fails, each time by a new context."""
+QUICK_FORMATS, QUICK_PIXELS = (ImageFormat.PNG, ImageFormat.RAW), 1 << 17
+"""Pictures that the renderer's thread may encode itself."""
 GL_FAULTS = (GlFaultError, moderngl.Error)
 
 Draw = Callable[[Gpu, bool], RenderedImage]
@@ -52,6 +55,18 @@ class Drawing(Future[RenderedImage]):
         """As any future's: True when it had not begun."""
         self.stop.ask()
         return super().cancel()
+
+
+def is_small(request: RenderRequest) -> bool:
+    """Whether a picture is encoded in less time than it takes to have another thread do so."""
+    return request.format in QUICK_FORMATS and request.width * request.height <= QUICK_PIXELS
+
+
+def _with_body(image: RenderedImage, request: RenderRequest) -> RenderedImage:
+    start = time.perf_counter()
+    body = encode(image.pixels, request.format or ImageFormat.PNG)
+    ms = (time.perf_counter() - start) * 1e3
+    return replace(image, body=body, passes=(*image.passes, ("encode", ms)))
 
 
 @dataclass(frozen=True)
@@ -126,13 +141,19 @@ class Renderer:
                 job.future.cancel()
         self._thread.join()
 
-    def submit(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
+    def submit(self, asset: MeshAsset, request: RenderRequest, owner: str = "", *, encodes: bool = False) -> Future[RenderedImage]:
         """Queue a frame. Its future fails with what went wrong with it; cancelled before its turn it costs nothing, and while it is
         drawn little more.
 
-        owner: whom it is for; owners take turns. Raises BusyError when the queue is full or the renderer is closed.
+        owner: whom it is for; owners take turns. encodes: a small picture comes with its `body`: to wake another thread for that takes
+        longer. Raises BusyError when the queue is full or the renderer is closed.
         """
-        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), owner)
+
+        def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
+            image = render_frame(gpu, asset, request, true_times=true_times)
+            return _with_body(image, request) if encodes and is_small(request) else image
+
+        return self.submit_drawing(draw, owner)
 
     def submit_further(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
         """The same for a frame after one that was admitted and has been drawn: it waits for its turn however many others wait."""
@@ -209,7 +230,7 @@ class Renderer:
         for _ in range(TRIES):
             job.future.stop.check()
             gpu = self._gpu or self._renewed()
-            gpu.stop = job.future.stop
+            gpu.stop, gpu.crowded = job.future.stop, len(self._jobs) > 0
             try:
                 return job.draw(gpu, self._true_times)
             except GL_FAULTS as error:

@@ -101,7 +101,8 @@ class Stream:
 class Gpu:
     """The GL and everything kept between frames, in it and in memory. Belongs to the thread that makes it.
 
-    costs: of an earlier one on this device. stop: asked between passes whether to go on.
+    costs: of an earlier one on this device. stop: asked between passes whether to go on. crowded: whether other pictures wait, which have
+    a better use for the other cores than to share the work of one frame.
     """
 
     def __init__(self, cache_mib: int, costs: CostModel | None = None) -> None:
@@ -114,6 +115,7 @@ class Gpu:
         self.scratch = ThreadScratch()
         self.costs = costs or CostModel(str(self.ctx.info["GL_RENDERER"]), NOMINAL)
         self.stop = NEVER
+        self.crowded = False
         self._screens: dict[moderngl.Program, moderngl.VertexArray] = {}
         self._streams: dict[moderngl.Program, Stream] = {}
         self._pixels = np.empty(0, np.uint8)

@@ -17,6 +17,7 @@ from service.caching import REVALIDATE, entity_tag, not_modified
 from service.costs import ViewTerms, added_px
 from service.errors import FailedMeshError
 from service.negotiation import JSON, choose
+from service.on_hand import manifest_of
 from service.routes.documented import ACCURACY_EXAMPLE, problems
 from service.rungs import key_of
 from service.state import Parts, Services
@@ -52,7 +53,7 @@ async def accuracy_plot(mesh_id: str, request: Request, parts: Parts, size: Size
 
 
 async def _answer(mesh_id: str, size: int | None, device: str | None, media: str, request: Request, parts: Services) -> Response:
-    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    manifest = await manifest_of(parts, mesh_id)
     info = await to_thread.run_sync(parts.meshes.info, mesh_id)
     work = parts.cpu.submit(_report, parts, manifest, info.name, size, device)
     report = await wait_for(request, work, parts.settings.render_timeout_s)

@@ -20,6 +20,7 @@ from schemas.manifest import Manifest
 from service.caching import IMMUTABLE, entity_tag, not_modified
 from service.damage import check_download
 from service.hulls import HullFile, Side, hull_file, require_hulls
+from service.on_hand import manifest_of
 from service.routes.documented import problems
 from service.state import Parts, Services
 from service.waiting import wait_for
@@ -89,7 +90,7 @@ async def artifact(
 
 async def _original(mesh_id: str, request: Request, parts: Services) -> Response:
     """The mesh in its own vertices and faces, without colours."""
-    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    manifest = await manifest_of(parts, mesh_id)
     tag = entity_tag(mesh_id, "artifact", ORIGINAL_GLB)
     if answer := not_modified(request, tag, IMMUTABLE):
         return answer

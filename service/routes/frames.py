@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
 from schemas.conventions import Array
@@ -16,14 +15,16 @@ from service.animation import animation
 from service.assets import state_of
 from service.caching import NOT_KEPT, REVALIDATE, entity_tag, not_modified
 from service.negotiation import choose
+from service.on_hand import asset_of, manifest_of
 from service.routes.documented import form_body, problems, sequence_answer
+from service.routes.query_route import QueryRoute
 from service.routes.render import check_drawable, picture_headers
 from service.sequence import Drawing
 from service.state import Parts, Services
 from service.view_query import TurntableQuery, query_names
 from service.waiting import Stopwatch, wait_for
 
-router = APIRouter(prefix="/v1/meshes/{mesh_id}", tags=["pictures"])
+router = APIRouter(prefix="/v1/meshes/{mesh_id}", route_class=QueryRoute, tags=["pictures"])
 
 SEQUENCE_TYPES = {SequenceFormat.WEBP: "image/webp", SequenceFormat.APNG: "image/apng", SequenceFormat.ZIP: "application/zip"}
 """Media type of each form, in the service's own order of preference."""
@@ -47,7 +48,7 @@ async def frames(mesh_id: str, body: SequenceRequest, request: Request, parts: P
     Accept asks for, else an animated WebP.
     """
     form = sequence_form(body, request)
-    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    manifest = await manifest_of(parts, mesh_id)
     check_drawable(manifest, body.accuracy)
     return await sequence(manifest, body, None, form, request, parts)
 
@@ -57,7 +58,7 @@ async def turntable(mesh_id: str, suffix: str, view: Annotated[TurntableQuery, Q
     """A mesh turning round as a plain address, for `<img src>`: `/v1/meshes/ID/turntable.webp?frames=36`; webp, png (animated) or zip."""
     if suffix not in SUFFIXES:
         raise NotFoundError("Turntables end with .webp, .png or .zip.")
-    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    manifest = await manifest_of(parts, mesh_id)
     with query_names():
         wanted = view.sequence(SUFFIXES[suffix])
         check_drawable(manifest, wanted.accuracy)
@@ -83,7 +84,7 @@ async def sequence(
     """The frames of a mesh, whose vertices are in as many poses, or in one, or stay where they are."""
     caller_of(request).check_picture(wanted.width, wanted.height)
     limit_s = parts.settings.render_timeout_s
-    asset = await wait_for(request, parts.cpu.submit(parts.assets.get, manifest), limit_s)
+    asset = await asset_of(request, parts, manifest)
     drawn = await Drawing(request, parts, asset, wanted, poses).frames(form)
     clock = Stopwatch()
     body = await wait_for(request, parts.cpu.submit(animation, drawn.pictures, form, wanted.fps, wanted.loop), limit_s)

@@ -28,6 +28,7 @@ from service.caching import NOT_KEPT
 from service.forms import REQUEST, Body, Spool, content_type_of, is_form, parsed, receive_form
 from service.moving import FIELD, Moving
 from service.negotiation import IMAGE_TYPES, choose, image_format, wants_json
+from service.on_hand import asset_of, manifest_of
 from service.owners import owner_of
 from service.positions import poses_in
 from service.render.encode import encode
@@ -113,7 +114,7 @@ async def frames_moved(mesh_id: str, request: Request, parts: Parts) -> Response
         if form.positions is None:
             poses = None
         else:
-            asset = await wait_for(request, parts.cpu.submit(parts.assets.get, form.manifest), parts.settings.render_timeout_s)
+            asset = await asset_of(request, parts, form.manifest)
             poses = await to_thread.run_sync(lambda: form.poses(len(asset.positions), one=False))
         return await sequence(form.manifest, form.wanted, poses, file_form, request, parts)
 
@@ -128,7 +129,7 @@ async def asked(mesh_id: str, request: Request, parts: Services, model: type[Wan
     body = Body(request)
     with parts.store.temporary() as file:
         try:
-            manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+            manifest = await manifest_of(parts, mesh_id)
             limits = parts.upload_limits.of(caller_of(request))
             check_room(int(request.headers.get("content-length", "0")), limits)
             spool, boundary = Spool(file, limits.max_bytes), content_type_of(request.headers)[1]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
 from backend.manifests import NOT_ENDED
@@ -17,18 +16,20 @@ from service.access.caller import caller_of
 from service.assets import CLIP, READY, state_of
 from service.caching import IMMUTABLE, NOT_KEPT, REVALIDATE, entity_tag, not_modified
 from service.negotiation import IMAGE_TYPES, SUFFIXES, image_format, wants_json
+from service.on_hand import asset_of, manifest_of
 from service.owners import owner_of
 from service.picture_cache import KeptPicture
 from service.render.encode import encode
 from service.render.explain import explain as explain_plan
 from service.render.renderer import RenderedImage
 from service.routes.documented import form_body, image_answer, problems
+from service.routes.query_route import QueryRoute
 from service.silhouette.levels import rounded_up
 from service.state import Parts, Services
-from service.view_query import RenderQuery, query_names
+from service.view_query import RenderQuery, ThumbnailQuery, query_names
 from service.waiting import Stopwatch, wait_for
 
-router = APIRouter(prefix="/v1/meshes/{mesh_id}", tags=["pictures"])
+router = APIRouter(prefix="/v1/meshes/{mesh_id}", route_class=QueryRoute, tags=["pictures"])
 
 PICTURES: dict[str, Any] = {
     "response_class": Response,
@@ -72,12 +73,12 @@ async def render_by_query(mesh_id: str, suffix: str, view: Annotated[RenderQuery
 async def thumbnail(
     mesh_id: str,
     suffix: str,
+    view: Annotated[ThumbnailQuery, Query()],
     request: Request,
     parts: Parts,
-    size: Annotated[int, Query(ge=16, le=1024, description="pixels a side")] = 256,
 ) -> Response:
     """A fitted three-quarter view on a transparent ground, from a mesh that is ready the same for ever: keep it as long as you like."""
-    wanted = RenderRequest(width=size, height=size, format=_encoding(suffix))
+    wanted = RenderRequest(width=view.size, height=view.size, format=_encoding(suffix))
     return await _picture(mesh_id, wanted, request, parts, IMMUTABLE)
 
 
@@ -90,7 +91,7 @@ def _encoding(suffix: str) -> ImageFormat:
 async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services, cache_control: str) -> Response:
     """Render `wanted`, whose format is set, unless the client has it already."""
     caller_of(request).check_picture(wanted.width, wanted.height)
-    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    manifest = await manifest_of(parts, mesh_id)
     check_drawable(manifest, wanted.accuracy)
     if manifest.status != READY:
         cache_control = REVALIDATE
@@ -120,18 +121,20 @@ def _answer(picture: KeptPicture, wanted: RenderRequest, tag: str, cache_control
 async def _drawn(manifest: Manifest, wanted: RenderRequest, request: Request, parts: Services) -> tuple[KeptPicture, str]:
     """The picture, and what each step of it took."""
     limit_s = parts.settings.render_timeout_s
-    asset = await wait_for(request, parts.cpu.submit(parts.assets.get, manifest), limit_s)
-    image = await wait_for(request, parts.renderer.submit(asset, wanted, owner_of(request)), limit_s)
-    clock = Stopwatch()
-    body = await wait_for(request, parts.cpu.submit(encode, image.pixels, wanted.format or ImageFormat.PNG), limit_s)
-    headers = picture_headers(image, after=[("encode", clock.ms())])
+    asset = await asset_of(request, parts, manifest)
+    image = await wait_for(request, parts.renderer.submit(asset, wanted, owner_of(request), encodes=True), limit_s)
+    clock, body, after = Stopwatch(), image.body, list[tuple[str, float]]()
+    if body is None:
+        body = await wait_for(request, parts.cpu.submit(encode, image.pixels, wanted.format or ImageFormat.PNG), limit_s)
+        after = [("encode", clock.ms())]
+    headers = picture_headers(image, after=after)
     timing = headers.pop("Server-Timing")
     return KeptPicture(body, headers), timing
 
 
 async def _plan(mesh_id: str, wanted: RenderRequest, request: Request, parts: Services) -> Response:
     """What `wanted` would do. The costs change as frames are drawn: not to be kept."""
-    manifest = await to_thread.run_sync(parts.meshes.drawable, mesh_id)
+    manifest = await manifest_of(parts, mesh_id)
     check_drawable(manifest, wanted.accuracy)
 
     def planned() -> PlanReport:

@@ -15,6 +15,7 @@ from service.assets import MeshAsset
 from service.caching import REVALIDATE, entity_tag, not_modified
 from service.negotiation import choose
 from service.routes.documented import form_body, problems, silhouette_answer
+from service.routes.query_route import QueryRoute
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_dxf, silhouette_json, silhouette_svg
 from service.silhouette.levels import rounded_up
@@ -23,7 +24,7 @@ from service.state import Parts, Services
 from service.view_query import SilhouetteQuery, query_names
 from service.waiting import Stopwatch, wait_for
 
-router = APIRouter(prefix="/v1/meshes/{mesh_id}", tags=["silhouettes"])
+router = APIRouter(prefix="/v1/meshes/{mesh_id}", route_class=QueryRoute, tags=["silhouettes"])
 
 JSON, SVG, BINARY, DXF = "application/json", "image/svg+xml", "application/octet-stream", "image/vnd.dxf"
 WRITERS = {JSON: silhouette_json, SVG: silhouette_svg, BINARY: silhouette_binary, DXF: silhouette_dxf}

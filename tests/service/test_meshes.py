@@ -15,7 +15,7 @@ from schemas.jobs import LATER_STAGES, STAGES
 from schemas.mesh import Problem
 from service.assets import state_of
 from service.errors import FailedMeshError
-from service.meshes import KEPT, Meshes
+from service.meshes import KEPT, RECENT_S, Meshes
 from tests.backend.accepting import LOAD_REPORT, accept, record, record_all
 
 
@@ -196,6 +196,21 @@ def test_where_looking_is_slow_a_ready_mesh_is_looked_up_now_and_then(store, mes
     time.sleep(0.02)
     with pytest.raises(NotFoundError):
         meshes.drawable(mesh_id)
+
+
+def test_what_was_found_ready_a_moment_ago_needs_no_look(store, meshes):
+    mesh_id, loading = settled(store), accept(store, b"other")
+    record(store, loading, "load", report=LOAD_REPORT)
+    assert meshes.recent(mesh_id) is None
+    assert (meshes.drawable(loading).status, meshes.recent(loading)) == ("loaded", None)
+    kept = meshes.drawable(mesh_id)
+    assert meshes.recent(mesh_id) is kept
+    time.sleep(RECENT_S)
+    assert meshes.recent(mesh_id) is None
+    meshes.drawable(mesh_id)
+    records.forget(store, mesh_id)
+    meshes.forget(mesh_id)
+    assert meshes.recent(mesh_id) is None
 
 
 def test_what_this_service_deletes_is_gone_at_once(store, meshes, monkeypatch):

@@ -58,7 +58,7 @@ def test_a_picture_is_a_trace_with_its_steps_and_passes(seen):
     assert attributes(root)["http.response.status_code"] == 200
     steps = {span.name: span for _, span in spans if span.trace_id == root.trace_id and span is not root}
     assert steps.keys() == {"draw", "plan", "encode"}
-    assert steps["draw"].parent_span_id == steps["encode"].parent_span_id == root.span_id
-    assert steps["plan"].parent_span_id == steps["draw"].span_id
-    assert {"edges", "coverage"} <= {event.name for event in steps["draw"].events}
-    assert steps["draw"].end_time_unix_nano <= steps["encode"].start_time_unix_nano
+    assert steps["draw"].parent_span_id == root.span_id
+    assert steps["plan"].parent_span_id == steps["encode"].parent_span_id == steps["draw"].span_id
+    assert {"edges", "coverage", "encode"} <= {event.name for event in steps["draw"].events}
+    assert steps["plan"].end_time_unix_nano <= steps["encode"].start_time_unix_nano

@@ -27,7 +27,7 @@ MODES = ({"mode": "lambert"}, {"mode": "normal"}, {"mode": "mask", "color": "#33
 def test_bands_make_the_picture_that_one_makes(draw, monkeypatch, view, shading, background):
     pictures = []
     for rows in (1000, 64, 7, 1):
-        monkeypatch.setattr(bands, "rows_of", lambda area, rows=rows: min(rows, area.height))
+        monkeypatch.setattr(bands, "rows_of", lambda area, _, rows=rows: min(rows, area.height))
         pictures.append(draw("joined", size=(200, 150), camera=VIEWS[view], shading=shading, background=background).pixels)
     assert len(np.unique(pictures[0].reshape(-1, 4), axis=0)) > 10
     for picture in pictures[1:]:
@@ -52,9 +52,9 @@ def test_each_pass_has_its_part_of_the_time(draw):
     assert {"coverage", "composite"} == set(bare) & set(PASSES)
 
 
-@given(st.integers(0, 9000), st.integers(0, 9000), st.integers(1, 9000), st.integers(1, 9000))
-def test_bands_are_small_enough_to_be_kept_and_not_empty(x, y, width, height):
-    rows = rows_of(Tile(x, y, width, height))
+@given(st.integers(0, 9000), st.integers(0, 9000), st.integers(1, 9000), st.integers(1, 9000), st.integers(1, 64))
+def test_bands_are_small_enough_to_be_kept_and_not_empty(x, y, width, height, threads):
+    rows = rows_of(Tile(x, y, width, height), threads)
     assert 1 <= rows <= height
     assert rows == 1 or rows * width <= MOST_PIXELS
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from schemas.errors import BusyError, CapabilityError
-from schemas.render import Accuracy, RenderRequest
-from service.render import context
+from schemas.render import Accuracy, ImageFormat, RenderRequest
+from service.render import bands, context
 from service.render import renderer as renderers
 from service.render.context import EglUnavailableError
+from service.render.encode import encode
 from service.render.frame import Timed, render_frame
 from service.render.renderer import Renderer
 from tests.service.render.made import clippable, unclippable
@@ -51,6 +52,31 @@ def test_frames_are_answered(renderer):
     assert image.rung == "clipped/coverage"
     assert [name for name, _ in image.passes] == list(image.plan)
     assert all(ms >= 0.0 for _, ms in image.passes)
+
+
+def test_small_picture_comes_encoded_where_that_is_asked_for(renderer):
+    sphere = clippable("sphere")
+    asked = SMALL.model_copy(update={"format": ImageFormat.PNG})
+    image = renderer.submit(sphere, asked, encodes=True).result(60)
+    assert image.body == encode(image.pixels, ImageFormat.PNG)
+    assert [name for name, _ in image.passes] == [*image.plan, "encode"]
+    large, slow = asked.model_copy(update={"width": 800, "height": 800}), asked.model_copy(update={"format": ImageFormat.WEBP})
+    others = [renderer.submit(sphere, request, encodes=True).result(60) for request in (large, slow)]
+    assert [other.body for other in (*others, renderer.submit(sphere, asked).result(60))] == [None, None, None]
+
+
+def test_while_others_wait_a_frame_takes_one_thread(held, monkeypatch):
+    renderer, release, first = held
+    counts = []
+    real = bands.side_by_side
+    monkeypatch.setattr(bands, "cores", lambda: 2)
+    monkeypatch.setattr(bands, "side_by_side", lambda work, count: counts.append(count) or real(work, count))
+    large = SMALL.model_copy(update={"width": 256, "height": 256})
+    waiting = [renderer.submit(clippable("sphere"), large) for _ in range(2)]
+    release.set()
+    pictures = [future.result(60).pixels for future in (first, *waiting)][1:]
+    assert counts[1:] == [1, 2]
+    assert np.array_equal(*pictures)
 
 
 def test_frame_more_than_the_queue_holds_is_refused(held):
