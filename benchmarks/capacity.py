@@ -1,6 +1,7 @@
 """How many processes, bytes and requests so many meshes and pictures a second take: arithmetic over what was measured of one mesh.
 
     python -m benchmarks.capacity [--meshes 1e6] [--renders 1e4] [--zipf 0.9] [--same 0.9] [--days 30] [--use 0.5] [--set NAME=VALUE]
+    ... [--variants] [--json]
 
 docs/capacity.md says what is assumed and what follows. Every mesh is taken for the one that was measured (`Inputs`). Meshes are asked for
 by Zipf's law, `same` of the requests for the one thumbnail of the mesh and the others for views that nobody asks for again. What a cache
@@ -38,30 +39,32 @@ class Inputs:
     drawn_per_core_s: float = 205.0
     drawn_per_process_s: float = 237.0
     kept_per_core_s: float = 1071.0
-    picture_bytes: float = 20_000.0
-    empty_process_mib: float = 400.0
+    picture_bytes: float = 25_454.0
+    empty_process_mib: float = 507.0
     gpu_cache_mib: float = 512.0
     picture_cache_mib: float = 64.0
     asset_cache_mib: float = 1024.0
     copies_mib: float = 8192.0
     manifests_kept: float = 256.0
     look_interval_s: float = 1.0
-    mapped_mib: float = 16.0
-    load_core_s: float = 0.1
+    mapped_mib: float = 9.27
+    load_core_s: float = 0.19
+    copy_core_s: float = 0.05
     look_requests: float = 2.0
-    manifest_requests: float = 5.0
+    manifest_requests: float = 4.0
     check_requests: float = 12.0
     copy_requests: float = 12.0
-    upload_bytes: float = 1_000_000.0
-    stored_bytes: float = 16_000_000.0
-    stored_objects: float = 30.0
-    prepare_core_s: float = 18.0
+    upload_bytes: float = 1_323_817.0
+    stored_bytes: float = 15_108_282.0
+    stored_objects: float = 27.0
+    prepare_core_s: float = 24.4
     later_core_s: float = 100.0
-    worker_mib: float = 400.0
-    prepare_reads: float = 100.0
-    prepare_writes: float = 100.0
-    prepare_redis: float = 1000.0
+    worker_mib: float = 411.0
+    prepare_reads: float = 335.0
+    prepare_writes: float = 47.0
+    prepare_redis: float = 1796.0
     list_s: float = 0.1
+    reconcile_interval_s: float = 60.0
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,8 @@ def _costs(inputs: Inputs, wanted: Wanted, sums: dict[str, float]) -> dict[str, 
     cores = (wanted.renders_per_s - sums["drawn"]) / inputs.kept_per_core_s + sums["drawn"] / inputs.drawn_per_core_s
     requests = sums["looks"] * inputs.look_requests + sums["reads"] * inputs.manifest_requests
     requests += sums["loads"] * inputs.check_requests + sums["copies"] * inputs.copy_requests
-    return {"cores": cores + sums["loads"] * inputs.load_core_s, "store_requests": requests}
+    cores += sums["loads"] * inputs.load_core_s + sums["copies"] * inputs.copy_core_s
+    return {"cores": cores, "store_requests": requests}
 
 
 def _busiest(inputs: Inputs, wanted: Wanted, rate: float, found: float) -> float:
@@ -170,6 +174,7 @@ def storing(inputs: Inputs, wanted: Wanted) -> dict[str, float]:
         "objects": objects,
         "lists": objects / LIST_KEYS,
         "all_listed_s": objects / LIST_KEYS * inputs.list_s,
+        "lists_per_s": objects / LIST_KEYS / inputs.reconcile_interval_s,
     }
 
 
@@ -231,6 +236,7 @@ ROWS = {
         "objects": "objects",
         "lists": "LIST requests to see all of them",
         "all_listed_s": "seconds to see all of them",
+        "lists_per_s": "LIST requests a second to compare all of them with the queue in turns",
     },
     "preparing": {
         "meshes_per_s": "meshes a second",
@@ -254,6 +260,29 @@ def tables(found: dict[str, Any]) -> str:
     for part in ("storing", "preparing"):
         parts.append(markdown_table([part, ""], [[text, number(rounded(found[part][name]))] for name, text in ROWS[part].items()]))
     return "\n\n".join(parts)
+
+
+VARIANTS: tuple[tuple[str, dict[str, float], dict[str, float]], ...] = (
+    ("as above", {}, {}),
+    ("popularity flatter: exponent 0.7", {}, {"zipf": 0.7}),
+    ("popularity steeper: exponent 1.1", {}, {"zipf": 1.1}),
+    ("half of the requests for views that are asked for once", {}, {"same": 0.5}),
+    ("256 MiB of pictures a process", {"picture_cache_mib": 256.0}, {}),
+    ("4 GiB of meshes a process", {"asset_cache_mib": 4096.0}, {}),
+    ("64 GiB of copies a process", {"copies_mib": 65536.0}, {}),
+    ("all three", {"picture_cache_mib": 256.0, "asset_cache_mib": 4096.0, "copies_mib": 65536.0}, {}),
+    ("processes 70 % busy", {}, {"use": 0.7}),
+)
+"""What, changed inputs, changed wishes."""
+
+
+def variants(inputs: Inputs, wanted: Wanted) -> str:
+    """What moves the result where a mesh has one process, as Markdown."""
+    rows = []
+    for text, other, wish in VARIANTS:
+        found = serving(replace(inputs, **other), replace(wanted, **wish), HASHED)
+        rows.append([text, *(number(rounded(found[name])) for name in ("processes", "drawn", "loads", "copies", "store_requests"))])
+    return markdown_table(["by mesh", "processes", "drawn/s", "mapped/s", "copied/s", "store requests/s"], rows)
 
 
 def rounded(value: float) -> float | int:
@@ -280,11 +309,15 @@ def main() -> None:
     parser.add_argument("--days", type=float, default=30.0, help="in which all meshes are made ready")
     parser.add_argument("--use", type=float, default=0.5, help="part of a process's processor time that may be taken")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="another value of an input")
+    parser.add_argument("--variants", action="store_true", help="what moves the result, besides")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     wanted = Wanted(int(given.meshes), given.renders, given.zipf, given.same, given.days, given.use)
-    found = plan(changed(Inputs(), given.set), wanted)
+    inputs = changed(Inputs(), given.set)
+    found = plan(inputs, wanted)
     print(json.dumps(found) if given.json else tables(found))
+    if given.variants:
+        print("", variants(inputs, wanted), sep="\n")
 
 
 if __name__ == "__main__":

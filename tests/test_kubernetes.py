@@ -146,6 +146,13 @@ def test_no_secret_has_its_value_here_and_each_is_one_that_is_described(manifest
 
 
 @pytest.mark.parametrize("role", ROLES)
+def test_services_of_the_cluster_set_no_variables_of_pods(named, role):
+    linked = {f"{name.upper()}_PORT" for kind, name in named if kind == "Service"}
+    assert linked & known_settings()
+    assert pod_of(named, role)["enableServiceLinks"] is False
+
+
+@pytest.mark.parametrize("role", ROLES)
 def test_compose_and_kubernetes_run_the_same_commands(named, role):
     composed = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
     assert container_of(named, role)["command"] == composed["service-1" if role == "service" else role]["command"]
