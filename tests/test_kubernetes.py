@@ -286,6 +286,14 @@ def test_the_number_of_workers_follows_the_queues_that_workers_listen_to(named):
         assert str(named["Service", host]["spec"]["ports"][0]["port"]) == port
 
 
+def test_metrics_and_settings_that_the_page_names_exist():
+    text, metrics = (ROOT / "docs" / "kubernetes.md").read_text(), (ROOT / "docs" / "observability.md").read_text()
+    named = set(re.findall(r"silhouette_[a-z_]+", text))
+    assert len(named) > 8
+    assert [name for name in sorted(named) if f"`{name}`" not in metrics] == []
+    assert set(re.findall(r"SILHOUETTE_[A-Z_]+", text)) <= known_settings()
+
+
 def test_workers_let_nobody_in(named):
     incoming = [one for (kind, _), one in named.items() if kind == "NetworkPolicy" and one["spec"].get("ingress")]
     opened = [one["spec"]["podSelector"]["matchLabels"] for one in incoming]

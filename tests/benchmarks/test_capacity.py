@@ -24,6 +24,7 @@ from benchmarks.capacity import (
     serving,
     storing,
     tables,
+    variants,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -118,6 +119,7 @@ def test_the_program_prints_every_figure():
 def test_the_page_has_the_figures_and_inputs_of_the_model():
     text = PAGE.read_text()
     assert tables(plan(Inputs(), Wanted())) in text
+    assert variants(Inputs(), Wanted()) in text
     for field in fields(Inputs):
         (told,) = re.findall(rf"^\| `{field.name}` \| ([0-9.,]+) \|", text, re.M)
         assert float(told.replace(",", "")) == getattr(Inputs(), field.name)
