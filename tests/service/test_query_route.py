@@ -43,8 +43,6 @@ def _app(route_class: type[APIRoute]) -> FastAPI:
         async def told(mesh_id: str, suffix: str, view: Annotated[model, Query()], request: Request, parts: Parts) -> Any:  # type: ignore[valid-type]
             given = {"mesh": mesh_id, "suffix": suffix, "path": request.url.path, "parts": parts.name}
             return JSONResponse(given | {"view": view.model_dump()})
-                {"mesh": mesh_id, "suffix": suffix, "view": view.model_dump(), "path": request.url.path, "parts": parts.name}
-            )
 
         told.__annotations__["view"] = Annotated[model, Query()]
         router.get(f"/{name}.{{suffix}}", name=name)(told)
