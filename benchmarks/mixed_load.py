@@ -3,7 +3,7 @@
     python -m benchmarks.mixed_load [MESH ...] [--minutes 10] [--clients 32] [--json]
 
 A service of its own is started on a free port of this machine, with a private queue, a worker a processor and small caches; nothing else is
-put under load, and it stops by itself. Two of the clients upload ever new meshes, wait until each is ready, look at it, and delete every
+put under load, and it stops by itself. Two of the clients (--uploaders) upload ever new meshes, wait until each is ready, look at it, and delete every
 second one; the others ask for what `benchmarks.mixed_requests` lists. First all of them ask again as soon as they are answered, for a
 quarter of the time: until the caches are full, and then to find how many requests a second are too many. Then come half as many a second at
 even distances for all of the time; latency counts from when each was due, and growth is that of the second half of it. Memory has not
@@ -38,19 +38,20 @@ from client.errors import ServiceError
 from client.local import LocalService
 from client.shapes import three_holed_torus, torus_knot, write_ply
 
-UPLOADERS = 2
 WARM_PART, SATURATED_PART = 0.1, 0.15
 BAR_P99_MS, BAR_GROWTH_MIB = 60.0, 8.0
 BAR_MORE = 4.0
 """Open files or threads more in the last quarter than in the one before that count as noise."""
 ENVIRONMENT = {
     "SILHOUETTE_LOG_LEVEL": "WARNING",
-    "SILHOUETTE_PICTURE_CACHE_MIB": "24",
-    "SILHOUETTE_ASSET_CACHE_MIB": "64",
-    "SILHOUETTE_GPU_CACHE_MIB": "48",
+    "SILHOUETTE_PICTURE_CACHE_MIB": "12",
+    "SILHOUETTE_ASSET_CACHE_MIB": "24",
+    "SILHOUETTE_GPU_CACHE_MIB": "16",
 }
 """Caches so small that they are full when growth begins to count."""
 QUEUE_WAIT_S = 120.0
+LOOKS = 60
+"""At what there is, at least."""
 
 
 @dataclass
@@ -162,14 +163,17 @@ def _name_of(pid: int, service: int) -> str:
 
 def load(service: LocalService, known: Known, folder: Path, given: argparse.Namespace) -> dict[str, Any]:
     """The phases, one after the other."""
-    seconds, clients = given.minutes * 60.0, max(1, given.clients - UPLOADERS)
+    seconds, clients = given.minutes * 60.0, max(1, given.clients - given.uploaders)
     requests, closed, opened = mixed(known, given.seed), Uploads(), Uploads()
-    with Uploading(service, folder, closed, 0.0):
+    with Uploading(service, folder, closed, 0.0, given.uploaders):
         warm = closed_loop(service.url, requests, clients, WARM_PART * seconds)
         saturated = closed_loop(service.url, requests, clients, SATURATED_PART * seconds)
     pace_s = 2.0 * float(np.mean(closed.seconds)) if closed.seconds else 10.0
     rate = 0.5 * saturated.asked_per_second
-    with Watch(lambda: look_at(service)) as watch, Uploading(service, folder, opened, pace_s):
+    with (
+        Watch(lambda: look_at(service), min(1.0, seconds / LOOKS)) as watch,
+        Uploading(service, folder, opened, pace_s, given.uploaders),
+    ):
         before = caches(service.url)
         start = time.perf_counter()
         half = open_loop(service.url, requests, rate, seconds, clients)
@@ -188,8 +192,8 @@ def load(service: LocalService, known: Known, folder: Path, given: argparse.Name
 class Uploading:
     """The clients that upload, while the block runs."""
 
-    def __init__(self, service: LocalService, folder: Path, done: Uploads, pace_s: float) -> None:
-        self._threads = [Uploader(service.url, folder, number, done, pace_s) for number in range(UPLOADERS)]
+    def __init__(self, service: LocalService, folder: Path, done: Uploads, pace_s: float, count: int) -> None:
+        self._threads = [Uploader(service.url, folder, number, done, pace_s) for number in range(count)]
 
     def __enter__(self) -> None:
         for thread in self._threads:
@@ -322,6 +326,7 @@ def main() -> None:
     parser.add_argument("mesh", nargs="*", help=f"{MESH_HELP}; a few generated ones if none is given")
     parser.add_argument("--minutes", type=float, default=10.0, help="at half the rate; a quarter of that comes before")
     parser.add_argument("--clients", type=int, default=32)
+    parser.add_argument("--uploaders", type=int, default=2, help="how many of the clients upload")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--measure", action="store_true", help="let workers measure the meshes that are ready, too")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
