@@ -3,11 +3,11 @@
     python -m benchmarks.mixed_load [MESH ...] [--minutes 10] [--clients 32] [--json]
 
 A service of its own is started on a free port of this machine, with a private queue, a worker a processor and small caches; nothing else is
-put under load, and it stops by itself. Two of the clients (--uploaders) upload ever new meshes, wait until each is ready, look at it, and delete every
-second one; the others ask for what `benchmarks.mixed_requests` lists. First all of them ask again as soon as they are answered, for a
+put under load, and it stops by itself. Two of the clients (--uploaders) upload ever new meshes, wait until each is ready, look at it, and
+delete every second one; the others ask for what `benchmarks.mixed_requests` lists. First all of them ask again as soon as they are answered, for a
 quarter of the time: until the caches are full, and then to find how many requests a second are too many. Then come half as many a second at
-even distances for all of the time; latency counts from when each was due, and growth is that of the second half of it. Memory has not
-grown when the slope's bounds (19 times of 20) include none, or when it comes to less than 8 MiB in the whole time.
+even distances for all of the time; latency counts from when each was due, and growth is that of the second half of it. Nothing has grown
+whose slope's bounds (19 times of 20) include none, or that comes to less than 8 MiB, open files or threads in the whole time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import httpx
 import numpy as np
 
 from benchmarks.faults import children_of, command_of
-from benchmarks.growth import Sample, Slope, Watch, files_under, memory_mib, open_files, slope_of, threads
+from benchmarks.growth import Sample, Watch, files_under, memory_mib, open_files, slope_of, threads
 from benchmarks.http_load import Answers, closed_loop, open_loop
 from benchmarks.machine import machine
 from benchmarks.mixed_requests import THUMBNAIL, Known, mixed, thumbnail_paths
@@ -39,9 +39,8 @@ from client.local import LocalService
 from client.shapes import three_holed_torus, torus_knot, write_ply
 
 WARM_PART, SATURATED_PART = 0.1, 0.15
-BAR_P99_MS, BAR_GROWTH_MIB = 60.0, 8.0
-BAR_MORE = 4.0
-"""Open files or threads more in the last quarter than in the one before that count as noise."""
+BAR_P99_MS, BAR_GROWTH = 60.0, 8.0
+"""The second: MiB, open files or threads that may come in the whole time."""
 ENVIRONMENT = {
     "SILHOUETTE_LOG_LEVEL": "WARNING",
     "SILHOUETTE_PICTURE_CACHE_MIB": "12",
@@ -219,15 +218,11 @@ def growth(watch: Watch, start: float, seconds: float) -> dict[str, dict[str, fl
     for name, (times, values) in sorted(watch.since(start + 0.5 * seconds).items()):
         slope = slope_of(times, values)
         if slope is not None:
-            quarters = [float(np.median(part)) for part in np.array_split(values, 2)]
-            holds = _holds_memory(slope, seconds) if name.endswith("MiB") else quarters[1] <= quarters[0] + BAR_MORE
-            rounded = {"a_minute": slope.a_minute, "low": slope.low, "high": slope.high, "last": quarters[1]}
+            last = float(np.median(values[len(values) // 2 :]))
+            rounded = {"a_minute": slope.a_minute, "low": slope.low, "high": slope.high, "last": last}
+            holds = slope.may_be_none or slope.a_minute * seconds / 60.0 < BAR_GROWTH
             found[name] = {key: round(value, 4) for key, value in rounded.items()} | {"holds": holds}
     return found
-
-
-def _holds_memory(slope: Slope, seconds: float) -> bool:
-    return slope.may_be_none or slope.a_minute * seconds / 60.0 < BAR_GROWTH_MIB
 
 
 def told(answers: Answers) -> dict[str, Any]:

@@ -1,4 +1,5 @@
 import json
+import os
 
 import numpy as np
 import pytest
@@ -50,6 +51,19 @@ def test_tensors_come_back_as_they_went(store, written):
         np.testing.assert_array_equal(opened[name], array)
         assert opened[name].dtype == array.dtype
         assert type(opened[name]) is np.ndarray
+
+
+@pytest.mark.parametrize(("vertices", "kept_open"), [(100, 0), (40_000, 1)])
+def test_small_files_are_read_and_only_large_ones_stay_open(store, vertices, kept_open):
+    tensors = {"positions": np.ones((vertices, 3), np.float32), "faces": np.zeros((4, 3), np.int32), "normals": np.ones((1, 3), np.float32)}
+    write_artifact(store, MESH_ID, MESH, tensors, IDENTITY)
+    path = store.local_path(keys.artifact(MESH_ID, MESH.file))
+    before = len(os.listdir("/proc/self/fd"))
+    opened = open_artifact(path, MESH, verify=True)
+    assert len(os.listdir("/proc/self/fd")) == before + kept_open
+    np.testing.assert_array_equal(opened["positions"], tensors["positions"])
+    with pytest.raises(ValueError, match="read-only"):
+        opened["faces"][0] = 1
 
 
 def test_views_cannot_be_written(written):
