@@ -67,7 +67,7 @@ def write_artifact(store: Store, mesh_id: str, layout: Layout, tensors: Mapping[
 
 
 def open_artifact(path: Path, layout: Layout, *, identity: str | None = None, verify: bool = False) -> dict[str, Array]:
-    """The tensors of an artifact file as read-only views of a memory map, which lives as long as they do, or of what was read of a small one.
+    """The tensors of an artifact file as read-only views of a memory map, or of what was read of a small file; it lives as long as they do.
 
     `identity` demands that the file says it is that; `verify` reads it all and compares the sha256.
     Raises CorruptArtifactError.

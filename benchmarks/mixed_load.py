@@ -4,10 +4,11 @@
 
 A service of its own is started on a free port of this machine, with a private queue, a worker a processor and small caches; nothing else is
 put under load, and it stops by itself. Two of the clients (--uploaders) upload ever new meshes, wait until each is ready, look at it, and
-delete every second one; the others ask for what `benchmarks.mixed_requests` lists. First all of them ask again as soon as they are answered, for a
-quarter of the time: until the caches are full, and then to find how many requests a second are too many. Then come half as many a second at
-even distances for all of the time; latency counts from when each was due, and growth is that of the second half of it. Nothing has grown
-whose slope's bounds (19 times of 20) include none, or that comes to less than 8 MiB, open files or threads in the whole time.
+delete every second one; the others ask for what `benchmarks.mixed_requests` lists. First all of them ask again as soon as they are
+answered, for a quarter of the time: until the caches are full, and then to find how many requests a second are too many. Then come half as
+many a second at even distances for all of the time; latency counts from when each was due, and growth is that of the second half of it.
+Nothing has grown whose slope's bounds (19 times of 20) include none, or that comes to less than 8 MiB, open files or threads in the whole
+time.
 """
 
 from __future__ import annotations
@@ -137,7 +138,7 @@ def prepared(url: str, names: list[str], folder: Path) -> Known:
 
 def look_at(service: LocalService) -> Sample:
     """What there is of the service now: memory, open files and threads of its process, its server, reader and workers, and its files."""
-    seen: Sample = {"temporary files": files_under(service.data_dir / "store" / ".tmp"), "shm files": files_under(Path("/dev/shm"))}  # noqa: S108
+    seen: Sample = {"temporary files": files_under(service.data_dir / "store" / ".tmp"), "shm files": files_under(Path("/dev/shm"))}
     seen["queue files MiB"] = sum(file.stat().st_size for file in (service.data_dir / "redis").rglob("*") if file.is_file()) / 2**20
     counts: Counter[str] = Counter()
     for pid in (service.pid, *children_of(service.pid)):
@@ -208,7 +209,9 @@ class Uploading:
 def caches(url: str) -> dict[str, float]:
     """MiB that each cache holds, as the service says."""
     lines = httpx.get(f"{url}/metrics", timeout=60.0).text.splitlines()
-    held = (line.removeprefix('silhouette_cache_bytes{cache="').split('"} ') for line in lines if line.startswith("silhouette_cache_bytes{"))
+    held = (
+        line.removeprefix('silhouette_cache_bytes{cache="').split('"} ') for line in lines if line.startswith("silhouette_cache_bytes{")
+    )
     return {name: float(value) / 2**20 for name, value in held}
 
 
@@ -297,7 +300,9 @@ def bars(result: dict[str, Any]) -> dict[str, bool]:
 
 
 def print_table(result: dict[str, Any]) -> None:
-    print(f"{result['clients']} clients, {result['minutes']:g} minutes at {result['asked_per_second']} requests a second, half of the most\n")
+    print(
+        f"{result['clients']} clients, {result['minutes']:g} minutes at {result['asked_per_second']} requests a second, half of the most\n"
+    )
     rows = []
     for name, one in result["half"]["kinds"].items():
         most = result["saturated"]["kinds"].get(name, {})

@@ -90,7 +90,7 @@ class StageWorker(Worker):
         A later stage gets what processor time is left.
         """
         die_with_parent()
-        give_way(LOWEST_PRIORITY if queue.name == LATER_QUEUE else self._settings.nice, self.pid)
+        give_way(LOWEST_PRIORITY if queue.name == LATER_QUEUE else self._settings.nice, os.getppid())
         super().main_work_horse(job, queue)
 
     def perform_job(self, job: Job, queue: Queue, execution: Execution) -> bool:

@@ -68,7 +68,7 @@ def nbytes_of(size: tuple[int, int], samples: int) -> int:
 
 
 class Targets:
-    """At most MOST_TARGETS framebuffers, and MOST_BYTES as long as more than LEAST_TARGETS are left; the least recently used one goes first."""
+    """At most MOST_TARGETS framebuffers, and MOST_BYTES while there are more than LEAST_TARGETS; the least recently used one goes first."""
 
     def __init__(self, gl: GlContext) -> None:
         self._gl = gl
