@@ -25,7 +25,8 @@ def settled(read, wanted):
     return read() == wanted
 
 
-def test_workers_beside_the_private_queue_give_way_and_the_reader_does_not(tmp_path):
+def test_workers_beside_the_private_queue_give_way_and_the_reader_does_not(tmp_path, monkeypatch):
+    monkeypatch.delenv("SILHOUETTE_NICE")
     backend = EmbeddedBackend(tmp_path / "data", 1, {"SILHOUETTE_WARM_KERNELS": "0"})
     backend.start()
     try:
