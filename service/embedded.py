@@ -27,8 +27,8 @@ log = logging.getLogger("silhouette.embedded")
 
 SERVER = "valkey"
 READER = "reader"
-WORKER_NICE = 10
-"""How far workers give way to the service, and to the reader, for whom clients wait: a tenth of its weight for the processors."""
+WORKER_NICE = 5
+"""How far workers give way to the service, and to the reader, for whom clients wait: to a third of their weight for the processors."""
 SERVER_OPTIONS = {
     "port": "0",  # no network at all
     "unixsocketperm": "700",
