@@ -44,7 +44,7 @@ def main() -> int:
         print(f"error: {fault}", file=sys.stderr)
         return 2
     signal.signal(signal.SIGTERM, _interrupt)
-    _allow_files()
+    allow_files()
     if start.while_stdin:
         threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
     if settings.processes == 1:
@@ -160,7 +160,7 @@ def _serve(app: FastAPI, listener: socket.socket, ready: int | None, grace_s: fl
         return runner.run(run())
 
 
-def _allow_files() -> None:
+def allow_files() -> None:
     """Take as many open files as the system lets: what it gives unasked is for programs that open few."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
