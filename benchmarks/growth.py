@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import theilslopes
 
-BLOCK_S = 20.0
+BLOCK_S = 30.0
 """What is seen within so long hangs together, and is drawn again together."""
 ROUNDS = 400
 SURE = 0.95

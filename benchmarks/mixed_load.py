@@ -66,9 +66,10 @@ class Uploads:
 class Uploader(threading.Thread):
     """A client that uploads until it is told to stop, at most one mesh every `pace_s` seconds."""
 
-    def __init__(self, url: str, folder: Path, seed: int, done: Uploads, pace_s: float) -> None:
+    def __init__(self, url: str, folder: Path, seed: int, done: Uploads, pace_s: float, texels: int) -> None:
         super().__init__(daemon=True)
         self._url, self._path, self._done, self._pace_s = url, folder / f"{seed}.ply", done, pace_s
+        self._texels = texels
         self._chance, self._stop_asked = np.random.default_rng([seed, time.monotonic_ns()]), threading.Event()
 
     def stop(self) -> None:
@@ -91,7 +92,7 @@ class Uploader(threading.Thread):
     def _one(self, client: Client, *, delete: bool) -> None:
         write_ply(str(self._path), *new_shape(self._chance))
         start = time.monotonic()
-        mesh = client.upload(self._path).id
+        mesh = client.upload(self._path, texels=self._texels).id
         if delete and self._chance.random() < 0.25:  # while it is in work
             client.delete(mesh)
             self._done.deleted += 1
@@ -126,10 +127,10 @@ def base_meshes(names: list[str], folder: Path) -> list[Path]:
     return paths
 
 
-def prepared(url: str, names: list[str], folder: Path) -> Known:
+def prepared(url: str, names: list[str], folder: Path, texels: int) -> Known:
     """The meshes that stay, ready, their thumbnails drawn once."""
     with Client(url, timeout_s=120.0) as client:
-        meshes = [client.wait(client.upload(path).id).id for path in base_meshes(names, folder)]
+        meshes = [client.wait(client.upload(path, texels=texels).id).id for path in base_meshes(names, folder)]
     tags = {path: httpx.get(url + path, timeout=60.0).headers["ETag"] for path in thumbnail_paths(meshes)}
     once = folder / "once.ply"
     write_ply(str(once), *torus_knot(60, 8))
@@ -165,14 +166,14 @@ def load(service: LocalService, known: Known, folder: Path, given: argparse.Name
     """The phases, one after the other."""
     seconds, clients = given.minutes * 60.0, max(1, given.clients - given.uploaders)
     requests, closed, opened = mixed(known, given.seed), Uploads(), Uploads()
-    with Uploading(service, folder, closed, 0.0, given.uploaders):
+    with Uploading(service, folder, closed, 0.0, given):
         warm = closed_loop(service.url, requests, clients, WARM_PART * seconds)
         saturated = closed_loop(service.url, requests, clients, SATURATED_PART * seconds)
     pace_s = 2.0 * float(np.mean(closed.seconds)) if closed.seconds else 10.0
     rate = 0.5 * saturated.asked_per_second
     with (
         Watch(lambda: look_at(service), min(1.0, seconds / LOOKS)) as watch,
-        Uploading(service, folder, opened, pace_s, given.uploaders),
+        Uploading(service, folder, opened, pace_s, given),
     ):
         before = caches(service.url)
         start = time.perf_counter()
@@ -192,8 +193,8 @@ def load(service: LocalService, known: Known, folder: Path, given: argparse.Name
 class Uploading:
     """The clients that upload, while the block runs."""
 
-    def __init__(self, service: LocalService, folder: Path, done: Uploads, pace_s: float, count: int) -> None:
-        self._threads = [Uploader(service.url, folder, number, done, pace_s) for number in range(count)]
+    def __init__(self, service: LocalService, folder: Path, done: Uploads, pace_s: float, given: argparse.Namespace) -> None:
+        self._threads = [Uploader(service.url, folder, number, done, pace_s, given.texels) for number in range(given.uploaders)]
 
     def __enter__(self) -> None:
         for thread in self._threads:
@@ -277,7 +278,7 @@ def run(given: argparse.Namespace) -> dict[str, Any]:
         data, files = (Path(held.enter_context(tempfile.TemporaryDirectory(prefix="silhouette-mixed-"))) for _ in range(2))
         environment = ENVIRONMENT | {"SILHOUETTE_MEASURE": str(given.measure).lower()}
         with LocalService(data, environment) as service:
-            known = prepared(service.url, given.mesh, files)
+            known = prepared(service.url, given.mesh, files, given.texels)
             result = {"machine": facts, "minutes": given.minutes, "clients": given.clients} | load(service, known, files, given)
             result["queue_keys"] = left_in_queue(service)
             result["log"] = service.last_words()
@@ -327,6 +328,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=10.0, help="at half the rate; a quarter of that comes before")
     parser.add_argument("--clients", type=int, default=32)
     parser.add_argument("--uploaders", type=int, default=2, help="how many of the clients upload")
+    parser.add_argument("--texels", type=int, default=1024, help="longest side of the maps of uploaded meshes")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--measure", action="store_true", help="let workers measure the meshes that are ready, too")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")

@@ -16,7 +16,7 @@ from tests.meshes import bumpy_sphere
 def result(tmp_path_factory):
     path = tmp_path_factory.mktemp("mixed") / "bumpy.ply"
     write_ply(str(path), *bumpy_sphere(3))
-    return run(Namespace(mesh=[str(path)], minutes=0.1, clients=4, uploaders=1, seed=2, measure=False))
+    return run(Namespace(mesh=[str(path)], minutes=0.06, clients=4, uploaders=1, texels=128, seed=2, measure=False))
 
 
 def test_a_service_answers_everything_as_expected(result):
