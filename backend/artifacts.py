@@ -23,7 +23,7 @@ from safetensors import SafetensorError, safe_open
 from backend.store import Store
 from schemas import keys
 from schemas.artifacts import Layout
-from schemas.conventions import Array
+from schemas.conventions import U1, Array
 from schemas.errors import CorruptArtifactError, DamagedArtifactError
 
 DTYPE_NAMES = {"<f8": "F64", "<f4": "F32", "<i8": "I64", "<i4": "I32", "<u4": "U32", "|u1": "U8"}
@@ -31,6 +31,8 @@ DTYPES = {name: dtype for dtype, name in DTYPE_NAMES.items()}
 HEADER_LIMIT = 1 << 20  # bytes; ours are below 2000
 ALIGNMENT = 8  # bytes, of the first tensor: header and its length are padded to it
 METADATA = "__metadata__"
+LEAST_MAPPED = 1 << 18
+"""Bytes of the smallest file that is mapped: a map keeps its file open, and small meshes have a dozen each."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def write_artifact(store: Store, mesh_id: str, layout: Layout, tensors: Mapping[
 
 
 def open_artifact(path: Path, layout: Layout, *, identity: str | None = None, verify: bool = False) -> dict[str, Array]:
-    """The tensors of an artifact file as read-only views of a memory map, which lives as long as they do.
+    """The tensors of an artifact file as read-only views of a memory map, or of what was read of a small file; it lives as long as they do.
 
     `identity` demands that the file says it is that; `verify` reads it all and compares the sha256.
     Raises CorruptArtifactError.
@@ -73,8 +75,8 @@ def open_artifact(path: Path, layout: Layout, *, identity: str | None = None, ve
     header = read_header(path, layout)
     if identity is not None and header.identity != identity:
         raise CorruptArtifactError("an artifact belongs to something else", file=layout.file)
-    mapped = np.memmap(path, np.uint8, mode="r").view(np.ndarray)
-    tensors = {name: _view(mapped, *place) for name, place in header.tensors.items()}
+    content = _content(path)
+    tensors = {name: _view(content, *place) for name, place in header.tensors.items()}
     if verify and content_sha256(_ordered(tensors)) != header.sha256:
         raise CorruptArtifactError("an artifact's bytes have changed since it was written", file=layout.file)
     return tensors
@@ -113,6 +115,15 @@ def content_sha256(arrays: Mapping[str, Array]) -> str:
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         digest.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
     return digest.hexdigest()
+
+
+def _content(path: Path) -> U1:
+    """All bytes of a file, not to be written."""
+    if path.stat().st_size >= LEAST_MAPPED:
+        return np.memmap(path, np.uint8, mode="r").view(np.ndarray)
+    content = np.fromfile(path, np.uint8)
+    content.flags.writeable = False
+    return content
 
 
 def _ordered(arrays: Mapping[str, Array]) -> dict[str, Array]:

@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import math
 import os
+import resource
 import signal
 import socket
 import sys
@@ -27,6 +28,8 @@ from service.processes import LISTENER_FLAG, READY_FLAG, say_ready, serve_in_pro
 from service.settings import ServiceSettings
 
 BACKLOG = 512
+MOST_FILES = 1 << 16
+"""Open files that a process takes if it may: connections, and maps of artifacts, each of which keeps one open."""
 
 
 def main() -> int:
@@ -41,6 +44,7 @@ def main() -> int:
         print(f"error: {fault}", file=sys.stderr)
         return 2
     signal.signal(signal.SIGTERM, _interrupt)
+    allow_files()
     if start.while_stdin:
         threading.Thread(target=_end_with_stdin, name="stdin", daemon=True).start()
     if settings.processes == 1:
@@ -154,6 +158,14 @@ def _serve(app: FastAPI, listener: socket.socket, ready: int | None, grace_s: fl
 
     with asyncio.Runner(loop_factory=config.get_loop_factory()) as runner:
         return runner.run(run())
+
+
+def allow_files() -> None:
+    """Take as many open files as the system lets: what it gives unasked is for programs that open few."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def _interrupt(number: int, frame: object) -> None:

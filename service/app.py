@@ -88,7 +88,7 @@ PROBE_S = 0.5
 """Longest that somebody who asks how the queue is waits for its answer, twice."""
 
 CPU_DEPTH = 64
-"""Short CPU work that may wait; each takes milliseconds."""
+"""CPU work of a kind that may wait; most takes milliseconds."""
 
 
 def create_app(settings: ServiceSettings) -> FastAPI:
@@ -166,6 +166,7 @@ def _open(settings: ServiceSettings) -> Services:
         renderer=renderer,
         pictures=PictureCache(settings.picture_cache_mib * 2**20),
         cpu=Slots(max(2, os.cpu_count() or 1), CPU_DEPTH, "cpu"),
+        documents=Slots(max(2, os.cpu_count() or 1), CPU_DEPTH, "documents"),
         access=open_access(settings, queue.store),
         readiness=Readiness(CHECK_S),
         renderer_fault=fault,
@@ -174,7 +175,7 @@ def _open(settings: ServiceSettings) -> Services:
 
 def _close(services: Services) -> None:
     """Close what is open. A frame or kernel under way is waited for, but not for long: its thread ends with the process."""
-    closing = [threading.Thread(target=part.close, daemon=True) for part in (services.renderer, services.cpu)]
+    closing = [threading.Thread(target=part.close, daemon=True) for part in (services.renderer, services.cpu, services.documents)]
     for thread in closing:
         thread.start()
     for thread in closing:

@@ -27,6 +27,8 @@ log = logging.getLogger("silhouette.embedded")
 
 SERVER = "valkey"
 READER = "reader"
+WORKER_NICE = 5
+"""How far workers give way to the service, and to the reader, for whom clients wait: to a third of their weight for the processors."""
 SERVER_OPTIONS = {
     "port": "0",  # no network at all
     "unixsocketperm": "700",
@@ -153,6 +155,7 @@ class EmbeddedBackend:
         environment = {
             f"{ENV_PREFIX}DATA_DIR": str(self.data_dir),
             f"{ENV_PREFIX}REDIS_URL": self.redis_url,
+            f"{ENV_PREFIX}NICE": "0" if READER_FLAG in flags else os.environ.get(f"{ENV_PREFIX}NICE", str(WORKER_NICE)),
             **self._environment,
         }
         return Child(name, (sys.executable, "-m", WORKER_MODULE, *flags), environment)

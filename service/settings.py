@@ -41,7 +41,7 @@ class ServiceSettings(BackendSettings):
 
     once_timeout_s: float = Field(60.0, gt=0.0, description="longest a mesh that is not kept may take until it can be drawn")
 
-    render_depth: int = Field(8, ge=1, description="renders that may wait for the one GL thread; more are told to come back")
+    render_depth: int = Field(64, ge=1, description="renders that may wait for the one GL thread; more are told to come back")
     render_timeout_s: float = Field(30.0, gt=0.0, description="longest a request waits for its picture, or for each one of a sequence")
     asset_cache_mib: int = Field(1024, ge=1, description="mesh data kept mapped for rendering and silhouettes")
     picture_cache_mib: int = Field(64, ge=0, description="encoded pictures kept to be given again; 0 keeps none")

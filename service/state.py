@@ -23,7 +23,8 @@ from service.uploads import UploadLimits
 
 @dataclass(frozen=True)
 class Services:
-    """The parts that routes work with. `cpu` runs what would hold up the event loop: mapping artifacts, extraction, encoding.
+    """The parts that routes work with. `cpu` runs what would hold up the event loop, and pictures wait for: mapping artifacts, encoding;
+    `documents` what may take long: silhouettes, drawings, files, animations.
 
     once: the store of meshes that are not kept (`backend.once`). access: who may do what. renderer_fault: why the renderer did not start,
     for people; None when it draws. probe: the queue's Redis, for those who ask how it is and do not wait long.
@@ -39,6 +40,7 @@ class Services:
     renderer: Renderer
     pictures: PictureCache
     cpu: Slots
+    documents: Slots
     access: Access
     readiness: Readiness
     renderer_fault: str | None

@@ -20,6 +20,7 @@ from backend.settings import setting_faults
 from backend.store import Store
 from schemas.jobs import READER_FLAG
 from worker.jobs import STAGE_FUNCTIONS
+from worker.priority import give_way
 from worker.process import StageWorker, die_with_parent
 from worker.settings import WorkerSettings
 from worker.warm import start_compiler, warm_kernels
@@ -43,6 +44,7 @@ def main() -> int:
         return NOT_CONFIGURED
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     log.info("stages: %s", ", ".join(STAGE_FUNCTIONS))
+    give_way(settings.nice, os.getpid())
     jobs = JobQueue.open(settings)
     if not wait_for_redis(jobs.redis):
         log.error("the queue does not answer")

@@ -31,6 +31,7 @@ from backend.queue import JobQueue, StageQueue
 from backend.tracing import REQUEST, open_tracing
 from schemas.errors import SilhouetteError
 from schemas.jobs import LATER_QUEUE, ONCE_QUEUE
+from worker.priority import give_way
 from worker.settings import WorkerSettings
 
 log = logging.getLogger("silhouette.worker")
@@ -89,8 +90,7 @@ class StageWorker(Worker):
         A later stage gets what processor time is left.
         """
         die_with_parent()
-        if queue.name == LATER_QUEUE:
-            os.nice(LOWEST_PRIORITY)
+        give_way(LOWEST_PRIORITY if queue.name == LATER_QUEUE else self._settings.nice, os.getppid())
         super().main_work_horse(job, queue)
 
     def perform_job(self, job: Job, queue: Queue, execution: Execution) -> bool:

@@ -17,7 +17,8 @@ import moderngl
 
 from backend.tracing import add_passes, span
 from schemas.errors import BusyError
-from schemas.render import ImageFormat, RenderRequest
+from schemas.render import Antialias, ImageFormat, PictureRequest, RenderRequest
+from schemas.scene import SceneRequest
 from service.assets import MeshAsset
 from service.costs import CostModel
 from service.render.context import EglUnavailableError, GlFaultError
@@ -33,6 +34,14 @@ log = logging.getLogger("silhouette.render")
 
 FIRST_GUESS_S = 0.05
 """A frame's duration, before any was measured."""
+FIRST_GUESS_SAMPLES = 512 * 512
+LEAST_FRAME_S = 0.002
+PATIENCE = 10.0
+"""A frame is due after so many times as long as it is thought to take: so much longer may others make it wait that are shorter."""
+MEMORY = 0.95
+"""What counts of earlier frames beside the latest, for the time of a sample."""
+SAMPLES = {Antialias.MSAA: 4, Antialias.SSAA: 16}
+"""Of a pixel."""
 LEAST_RETRY_S = 0.1
 TRIES = 2
 """How often a frame is drawn whose GL fails, each time by a new context."""
@@ -73,6 +82,7 @@ def _with_body(image: RenderedImage, request: RenderRequest) -> RenderedImage:
 class _Job:
     future: Drawing
     draw: Draw
+    samples: int
     context: Context = field(default_factory=copy_context)
 
 
@@ -100,6 +110,7 @@ class Renderer:
         self._open = False
         self._lock = threading.Lock()
         self._typical_s = FIRST_GUESS_S
+        self._lately = FIRST_GUESS_S, float(FIRST_GUESS_SAMPLES)  # seconds and samples of frames
         self._costs: CostModel | None = None
         self._is_lost = False
         self.renewals = 0
@@ -145,19 +156,15 @@ class Renderer:
         """Queue a frame. Its future fails with what went wrong with it; cancelled before its turn it costs nothing, and while it is
         drawn little more.
 
-        owner: whom it is for; owners take turns. encodes: a small picture comes with its `body`: to wake another thread for that takes
-        longer. Raises BusyError when the queue is full or the renderer is closed.
+        owner: whom it is for; owners take turns, and of each the small pictures pass large ones that have not waited long. encodes: a
+        small picture comes with its `body`: to wake another thread for that takes longer. Raises BusyError when the queue is full or the
+        renderer is closed.
         """
-
-        def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
-            image = render_frame(gpu, asset, request, true_times=true_times)
-            return _with_body(image, request) if encodes and is_small(request) else image
-
-        return self.submit_drawing(draw, owner)
+        return self.submit_drawing(_drawing(asset, request, encodes=encodes), owner, samples_of(request))
 
     def submit_further(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
         """The same for a frame after one that was admitted and has been drawn: it waits for its turn however many others wait."""
-        return self.submit_drawing(lambda gpu, true_times: render_frame(gpu, asset, request, true_times=true_times), owner, further=True)
+        return self.submit_drawing(_drawing(asset, request), owner, samples_of(request), further=True)
 
     def submit_once(self, asset: MeshAsset, request: RenderRequest, owner: str = "") -> Future[RenderedImage]:
         """The same as `submit` for an asset that is not drawn again: nothing of it stays in the GL."""
@@ -168,16 +175,21 @@ class Renderer:
             finally:
                 gpu.cache.drop(asset.id)
 
-        return self.submit_drawing(draw, owner)
+        return self.submit_drawing(draw, owner, samples_of(request))
 
-    def submit_drawing(self, draw: Draw, owner: str = "", *, further: bool = False) -> Future[RenderedImage]:
-        """The same as `submit`, or `submit_further`, for a picture of several frames."""
-        job = _Job(Drawing(Stop(time.monotonic() + self._limit_s)), draw)
+    def submit_drawing(
+        self, draw: Draw, owner: str = "", samples: int = FIRST_GUESS_SAMPLES, *, further: bool = False
+    ) -> Future[RenderedImage]:
+        """The same as `submit`, or `submit_further`, for a picture of several frames. samples: about how many are drawn."""
+        now = time.monotonic()
+        job = _Job(Drawing(Stop(now + self._limit_s)), draw, samples)
+        seconds, counted = self._lately
+        due = now + PATIENCE * (LEAST_FRAME_S + seconds / counted * samples)
         with self._lock:
             if not self._open:
                 raise BusyError("the renderer is not running")
             try:
-                dropped = self._jobs.put(owner, job, promised=further)
+                dropped = self._jobs.put(owner, job, promised=further, due=due)
             except FullError:
                 raise self._busy() from None
         if isinstance(dropped, _Job) and dropped.future.set_running_or_notify_cancel():
@@ -222,7 +234,9 @@ class Renderer:
         except Exception as error:
             job.future.set_exception(error)
         else:
-            self._typical_s += 0.1 * (sum(ms for _, ms in image.passes) / 1e3 - self._typical_s)
+            took_s = sum(ms for _, ms in image.passes) / 1e3
+            self._typical_s += 0.1 * (took_s - self._typical_s)
+            self._lately = MEMORY * self._lately[0] + took_s, MEMORY * self._lately[1] + job.samples
             job.future.set_result(image)
 
     def _drawn(self, job: _Job) -> RenderedImage:
@@ -259,3 +273,19 @@ class Renderer:
                 gpu.release()
             except GL_FAULTS as error:
                 log.warning("a GL context was not released: %s", error)
+
+
+def samples_of(request: PictureRequest | SceneRequest) -> int:
+    """About how many samples a picture takes. Lines are drawn over four a pixel unless something else is asked for."""
+    antialias = request.accuracy.antialias
+    if antialias is Antialias.AUTO and request.lines is not None:
+        antialias = Antialias.MSAA
+    return request.width * request.height * SAMPLES.get(antialias, 1)
+
+
+def _drawing(asset: MeshAsset, request: RenderRequest, *, encodes: bool = False) -> Draw:
+    def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
+        image = render_frame(gpu, asset, request, true_times=true_times)
+        return _with_body(image, request) if encodes and is_small(request) else image
+
+    return draw

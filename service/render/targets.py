@@ -13,6 +13,12 @@ from service.render.context import GlContext
 SIZE_STEP = 64
 """Sides are rounded up to a multiple of this, pixels: a turning object needs few framebuffers."""
 MOST_TARGETS = 8
+LEAST_TARGETS = 4
+"""So many are kept whatever their sizes: more than one frame draws to at a time."""
+MOST_BYTES = 96 << 20
+"""About what those that are kept take together: enough for eight of 1024x1024 pixels, or for one of 2048x1280 with 4 samples."""
+SAMPLE_BYTES = 8
+"""Of a sample, its colour and its depth."""
 SRGB8_ALPHA8 = 0x8C43
 
 
@@ -50,9 +56,19 @@ class Target:
     samples: int
     kind: Kind
 
+    @property
+    def nbytes(self) -> int:
+        """About what it takes in the GL: colour and depth of every sample."""
+        return nbytes_of(self.size, self.samples)
+
+
+def nbytes_of(size: tuple[int, int], samples: int) -> int:
+    """About what a framebuffer of this size takes."""
+    return size[0] * size[1] * max(samples, 1) * SAMPLE_BYTES
+
 
 class Targets:
-    """At most MOST_TARGETS framebuffers; the least recently used one goes first."""
+    """At most MOST_TARGETS framebuffers, and MOST_BYTES while there are more than LEAST_TARGETS; the least recently used one goes first."""
 
     def __init__(self, gl: GlContext) -> None:
         self._gl = gl
@@ -69,11 +85,21 @@ class Targets:
         """
         key = (-(-width // SIZE_STEP) * SIZE_STEP, -(-height // SIZE_STEP) * SIZE_STEP, samples, apart, kind)
         if key not in self._kept:
-            while len(self._kept) >= MOST_TARGETS:
+            while self._is_full(nbytes_of(key[:2], samples)):
                 self._delete(self._kept.popitem(last=False)[1])
             self._kept[key] = self._make(key[:2], samples, kind)
         self._kept.move_to_end(key)
         return self._kept[key]
+
+    @property
+    def nbytes(self) -> int:
+        """About what all of them take in the GL."""
+        return sum(target.nbytes for target in self._kept.values())
+
+    def _is_full(self, more: int) -> bool:
+        """Whether one has to go before one of so many bytes comes."""
+        count = len(self._kept)
+        return count >= MOST_TARGETS or (count >= LEAST_TARGETS and self.nbytes + more > MOST_BYTES)
 
     def release(self) -> None:
         """Delete them all."""

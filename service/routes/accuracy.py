@@ -55,7 +55,7 @@ async def accuracy_plot(mesh_id: str, request: Request, parts: Parts, size: Size
 async def _answer(mesh_id: str, size: int | None, device: str | None, media: str, request: Request, parts: Services) -> Response:
     manifest = await manifest_of(parts, mesh_id)
     info = await to_thread.run_sync(parts.meshes.info, mesh_id)
-    work = parts.cpu.submit(_report, parts, manifest, info.name, size, device)
+    work = parts.documents.submit(_report, parts, manifest, info.name, size, device)
     report = await wait_for(request, work, parts.settings.render_timeout_s)
     faces = None if manifest.stats is None else manifest.stats.faces
     body = accuracy_svg(report, faces) if media == SVG else report.model_dump_json(exclude_none=True)

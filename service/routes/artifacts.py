@@ -99,7 +99,7 @@ async def _original(mesh_id: str, request: Request, parts: Services) -> Response
         asset = parts.assets.get(manifest)
         return bare_glb("original", asset.positions, asset.faces, asset.frame, _numbers(parts, manifest))
 
-    body = await wait_for(request, parts.cpu.submit(made), parts.settings.render_timeout_s)
+    body = await wait_for(request, parts.documents.submit(made), parts.settings.render_timeout_s)
     return Response(body, media_type=DOWNLOADS[HULL_GLB], headers={"ETag": tag, "Cache-Control": IMMUTABLE})
 
 
@@ -118,7 +118,7 @@ async def _other_hull(manifest: Manifest, faces: int | None, side: Side, request
     tag = entity_tag(manifest.id, "hull", side.value, str(wanted))
     if answer := not_modified(request, tag, IMMUTABLE):
         return answer
-    made = await wait_for(request, parts.cpu.submit(_cut, parts, manifest, side, wanted), parts.settings.render_timeout_s)
+    made = await wait_for(request, parts.documents.submit(_cut, parts, manifest, side, wanted), parts.settings.render_timeout_s)
     told = {"X-Hull": f"side={side.value}; faces={made.faces}; volume_excess={made.volume_excess:.6g}"}
     return Response(made.data, media_type=DOWNLOADS[HULL_GLB], headers={"ETag": tag, "Cache-Control": IMMUTABLE, **told})
 

@@ -87,7 +87,7 @@ async def sequence(
     asset = await asset_of(request, parts, manifest)
     drawn = await Drawing(request, parts, asset, wanted, poses).frames(form)
     clock = Stopwatch()
-    body = await wait_for(request, parts.cpu.submit(animation, drawn.pictures, form, wanted.fps, wanted.loop), limit_s)
+    body = await wait_for(request, parts.documents.submit(animation, drawn.pictures, form, wanted.fps, wanted.loop), limit_s)
     told = picture_headers(drawn.summed, after=[("write", clock.ms())])
     count = len(drawn.pictures)
     told |= {"Server-Timing": f'{told["Server-Timing"]}, frames;desc="{count}"', "X-Frames": str(count)}

@@ -99,7 +99,7 @@ async def silhouette_moved(mesh_id: str, request: Request, parts: Parts) -> Resp
     """The silhouette of the mesh with its vertices at `positions`, found without a tree; `request` as for a mesh at rest."""
     media = choose(request.headers.get("accept"), list(WRITERS))
     async with asked(mesh_id, request, parts, SilhouetteRequest) as form:
-        work = parts.cpu.submit(_document, parts, form, media)
+        work = parts.documents.submit(_document, parts, form, media)
         body, passes, accuracy = await wait_for(request, work, parts.settings.render_timeout_s)
     timing = ", ".join(f"{name};dur={ms:.3f}" for name, ms in passes)
     headers = {"X-Accuracy": accuracy, "Cache-Control": NOT_KEPT, "Vary": "Accept", "Server-Timing": timing}

@@ -98,7 +98,7 @@ async def silhouette_once(view: Annotated[OnceSilhouetteQuery, Query()], request
 async def _document(
     mesh: OneMesh, wanted: SilhouetteRequest, media: str, request: Request, parts: Services
 ) -> tuple[bytes, list[tuple[str, float]], str]:
-    work = parts.cpu.submit(document_of, mesh.asset, wanted, media)
+    work = parts.documents.submit(document_of, mesh.asset, wanted, media)
     return await wait_for(request, work, parts.settings.render_timeout_s)
 
 

@@ -17,6 +17,7 @@ from service.errors import located
 from service.negotiation import IMAGE_TYPES, image_format
 from service.owners import owner_of
 from service.render.encode import encode
+from service.render.renderer import samples_of
 from service.routes.documented import image_answer, problems
 from service.routes.render import check_drawable, picture_headers
 from service.scene.draw import drawing_of
@@ -47,7 +48,7 @@ async def render_scene(body: SceneRequest, request: Request, parts: Parts) -> Re
         return answer
     limit_s = parts.settings.render_timeout_s
     plan, plan_ms = await wait_for(request, parts.cpu.submit(_plan, parts, wanted, manifests), limit_s)
-    image = await wait_for(request, parts.renderer.submit_drawing(drawing_of(plan), owner_of(request)), limit_s)
+    image = await wait_for(request, parts.renderer.submit_drawing(drawing_of(plan), owner_of(request), samples_of(wanted)), limit_s)
     clock = Stopwatch()
     picture = await wait_for(request, parts.cpu.submit(encode, image.pixels, encoding), limit_s)
     told = picture_headers(image, before=[("plan", plan_ms)], after=[("encode", clock.ms())])

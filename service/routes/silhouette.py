@@ -62,7 +62,7 @@ async def _document(mesh_id: str, wanted: SilhouetteRequest, media: str, request
     tag = entity_tag(mesh_id, media, wanted.model_dump_json())
     if answer := not_modified(request, tag, REVALIDATE):
         return answer
-    work = parts.cpu.submit(_make, parts, manifest, wanted, media)
+    work = parts.documents.submit(_make, parts, manifest, wanted, media)
     body, passes, accuracy = await wait_for(request, work, parts.settings.render_timeout_s)
     timing = ", ".join(f"{name};dur={ms:.3f}" for name, ms in passes)
     headers = {"X-Accuracy": accuracy, "ETag": tag, "Cache-Control": REVALIDATE, "Vary": "Accept", "Server-Timing": timing}

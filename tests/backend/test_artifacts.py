@@ -1,4 +1,5 @@
 import json
+import os
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from safetensors.numpy import save_file
 from backend import artifacts
 from backend.artifacts import identity_of, open_artifact, write_artifact
 from backend.local_store import LocalStore
+from benchmarks.growth import open_files
 from schemas import keys
 from schemas.artifacts import HULL_SEQUENCE, MAPS, MESH, TREE, Layout
 from schemas.errors import CorruptArtifactError, StorageFullError
@@ -50,6 +52,19 @@ def test_tensors_come_back_as_they_went(store, written):
         np.testing.assert_array_equal(opened[name], array)
         assert opened[name].dtype == array.dtype
         assert type(opened[name]) is np.ndarray
+
+
+@pytest.mark.parametrize(("vertices", "kept_open"), [(100, 0), (40_000, 1)])
+def test_small_files_are_read_and_only_large_ones_stay_open(store, vertices, kept_open):
+    tensors = {"positions": np.ones((vertices, 3), np.float32), "faces": np.zeros((4, 3), np.int32), "normals": np.ones((1, 3), np.float32)}
+    write_artifact(store, MESH_ID, MESH, tensors, IDENTITY)
+    path = store.local_path(keys.artifact(MESH_ID, MESH.file))
+    before = open_files(os.getpid())
+    opened = open_artifact(path, MESH, verify=True)
+    assert open_files(os.getpid()) == before + kept_open
+    np.testing.assert_array_equal(opened["positions"], tensors["positions"])
+    with pytest.raises(ValueError, match="read-only"):
+        opened["faces"][0] = 1
 
 
 def test_views_cannot_be_written(written):

@@ -92,3 +92,26 @@ def test_promised_items_have_a_place_do_not_count_and_never_give_way():
     assert queue.put("b", ("b", 1)) == ("a", 3)
     assert queue.put("a", ("a", 4), promised=True) is None
     assert [queue.take() for _ in range(4)] == [("a", 1), ("b", 1), ("a", 2), ("a", 4)]
+
+
+def test_of_an_owner_what_is_due_first_comes_first_and_in_its_order_what_is_due_alike():
+    queue: FairQueue[str] = FairQueue(8)
+    for item, due in (("long", 9.0), ("short", 2.0), ("middle", 5.0), ("short too", 2.0)):
+        queue.put("a", item, due=due)
+    queue.put("b", "another's", due=100.0)
+    assert [queue.take() for _ in range(5)] == ["short", "another's", "short too", "middle", "long"]
+
+
+def test_without_a_time_an_item_comes_after_all_that_wait():
+    queue: FairQueue[str] = FairQueue(8)
+    queue.put("a", "long", due=9.0)
+    queue.put("a", "after", promised=True)
+    queue.put("a", "short", due=1.0)
+    assert [queue.take() for _ in range(3)] == ["short", "long", "after"]
+
+
+def test_full_queue_drops_what_is_due_last():
+    queue: FairQueue[str] = FairQueue(3)
+    for item, due in (("long", 9.0), ("short", 2.0), ("middle", 5.0)):
+        queue.put("a", item, due=due)
+    assert queue.put("b", "new", due=50.0) == "long"

@@ -10,6 +10,7 @@ from scipy.ndimage import binary_erosion
 
 from schemas.errors import CapabilityError, InvalidRequestError
 from service.render import frame as frames
+from service.render.targets import LEAST_TARGETS, MOST_BYTES, Targets
 from tests.service.render.conftest import VIEWS
 from tests.service.render.made import SHAPES, clippable, prepared, unclippable
 
@@ -283,7 +284,21 @@ def test_many_frames_of_many_sizes_leave_nothing_behind(draw, gpu):
     for rung, (width, height) in zip(rungs, rng.integers(1, 600, (200, 2)), strict=True):
         draw("sphere", *rung, (int(width), int(height)))
     assert len(gpu.targets) <= 8
+    assert len(gpu.targets) <= LEAST_TARGETS or gpu.targets.nbytes <= MOST_BYTES
     assert _names_in_use(gpu) == pytest.approx(before, abs=8)
+
+
+def test_large_framebuffers_are_given_back_before_there_are_many(gpu):
+    targets = Targets(gpu.gl)
+    try:
+        for step in range(8):
+            latest = targets.get(1024 + 64 * step, 1024, 4)
+        assert len(targets) == LEAST_TARGETS and targets.get(1024 + 64 * 7, 1024, 4) is latest
+        for step in range(8):
+            targets.get(64, 64 + 64 * step)
+        assert len(targets) == 8 and targets.nbytes <= MOST_BYTES
+    finally:
+        targets.release()
 
 
 def _names_in_use(gpu) -> list[int]:

@@ -14,7 +14,7 @@ from service.render import renderer as renderers
 from service.render.context import EglUnavailableError
 from service.render.encode import encode
 from service.render.frame import Timed, render_frame
-from service.render.renderer import Renderer
+from service.render.renderer import Renderer, samples_of
 from tests.service.render.made import clippable, unclippable
 
 SMALL = RenderRequest(width=32, height=32)
@@ -199,6 +199,30 @@ def test_clients_take_turns_and_the_longest_line_makes_room(held):
     release.set()
     assert all(future.result(60).pixels.any() for future in (*crowd[:2], one))
     assert order == ["crowd 0", "one", "crowd 1"]
+
+
+def test_small_pictures_pass_large_ones_that_have_not_waited_long(held):
+    renderer, release, _ = held
+    order = []
+
+    def noted(name):
+        return lambda gpu, _: order.append(name) or renderers.render_frame(gpu, clippable("sphere"), SMALL)
+
+    sizes = {"large": 4096**2, "small": 64**2, "middle": 1024**2}
+    waiting = [renderer.submit_drawing(noted(name), "one", samples) for name, samples in sizes.items()]
+    release.set()
+    assert all(future.result(60).pixels.any() for future in waiting)
+    assert order == ["small", "middle", "large"]
+
+
+def test_samples_are_those_that_antialiasing_takes():
+    def samples(**fields):
+        return samples_of(RenderRequest(width=100, height=50, **fields))
+
+    assert samples() == 5000
+    assert samples(lines={}) == samples(accuracy={"antialias": "msaa"}) == 4 * 5000
+    assert samples(accuracy={"antialias": "ssaa"}) == 16 * 5000
+    assert samples(lines={}, accuracy={"antialias": "none"}) == 5000
 
 
 def test_closing_cancels_what_waits_and_refuses_what_comes(held):
