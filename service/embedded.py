@@ -140,14 +140,13 @@ class EmbeddedBackend:
         return Child(SERVER, command, {}, signal.SIGTERM, self.data_dir / "valkey.log", self._server_ended)
 
     def _server_ended(self, status: int) -> None:
-        """Move an unreadable file aside: the reconciler fills an empty server again."""
-        if status != EXIT_FAILED:
-            return
-        aside = self.data_dir / "redis.unreadable"
-        shutil.rmtree(aside, ignore_errors=True)
-        self._server_folder.rename(aside)
-        self._server_folder.mkdir()
-        log.error("the queue's file could not be read and was moved aside", extra={"moved_to": str(aside)})
+        """Move an unreadable file aside, make a folder that is gone again: the reconciler fills an empty server."""
+        if status == EXIT_FAILED and self._server_folder.exists():
+            aside = self.data_dir / "redis.unreadable"
+            shutil.rmtree(aside, ignore_errors=True)
+            self._server_folder.rename(aside)
+            log.error("the queue's file could not be read and was moved aside", extra={"moved_to": str(aside)})
+        self._server_folder.mkdir(exist_ok=True)
 
     def _worker(self, name: str, *flags: str) -> Child:
         environment = {
