@@ -36,7 +36,7 @@ from backend.store import Store
 from backend.stores import open_store
 from backend.tracing import carried
 from schemas import keys
-from schemas.errors import CancelledError, SilhouetteError
+from schemas.errors import CancelledError, DamagedArtifactError, SilhouetteError
 from schemas.jobs import LATER_QUEUE, LATER_STAGES, ONCE_QUEUE, QUEUE, READ_MESH, RUN_STAGE, STAGES
 from schemas.manifest import StageRecord
 
@@ -173,6 +173,8 @@ class JobQueue:
             count += 1
             try:
                 self.advance(mesh_id)
+            except DamagedArtifactError:
+                self.rebuild(mesh_id)
             except SilhouetteError:  # one mesh must not keep the others waiting
                 log.exception("mesh cannot be advanced", extra={"mesh": mesh_id})
         return count
@@ -274,7 +276,10 @@ class JobQueue:
         """Whether an ended mesh, of which these records were found, has failed or been through the later stages."""
         if all(keys.stage_name(stage) in found for stage in LATER_STAGES):
             return True
-        manifest = records.read_manifest(self.store, mesh_id)
+        try:
+            manifest = records.read_manifest(self.store, mesh_id)
+        except DamagedArtifactError:
+            return False
         return manifest is not None and manifest.status == "failed"
 
     def _advance_later(self, mesh_id: str) -> None:

@@ -14,6 +14,7 @@ from rq.timeouts import JobTimeoutException
 
 from backend import records
 from backend.artifacts import open_artifact
+from backend.damage import is_sound
 from backend.local_store import LocalStore
 from backend.queue import JobQueue, StageQueue, _started_entries
 from backend.settings import BackendSettings
@@ -192,6 +193,30 @@ def test_two_workers_that_run_the_same_stage_publish_the_same(queue):
     assert results[0].report == results[1].report
     path = queue.store.local_path(keys.artifact(mesh_id, artifacts.MESH.file))
     open_artifact(path, artifacts.MESH, verify=True)
+
+
+def test_two_workers_that_race_through_a_mesh_publish_one_result(running, queue, tmp_path, monkeypatch):
+    monkeypatch.setenv("SILHOUETTE_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("SILHOUETTE_REDIS_URL", running[0].redis_url)
+    mesh_id = accept(queue.store, ply(sphere(2)), name="a.ply", **SMALL)
+    racers = []
+    for _ in range(2):
+        racers.append(os.fork())
+        if racers[-1] == 0:
+            try:
+                for stage in STAGES:
+                    stage_jobs.run_stage(mesh_id, stage)
+                os._exit(0)
+            finally:
+                os._exit(1)
+    assert [os.waitpid(racer, 0)[1] for racer in racers] == [0, 0]
+    manifest = finished(queue, mesh_id)
+    assert manifest.status == "ready" and all(is_sound(queue.store, mesh_id, record) for record in manifest.stages)
+    assert manifest.stages == [records.read_stage(queue.store, mesh_id, stage) for stage in STAGES]
+    published = {name for record in manifest.stages for name in record.artifacts} | {keys.stage_name(stage) for stage in STAGES}
+    expected = {keys.artifact(mesh_id, name) for name in published | {keys.ACCEPTED, keys.MANIFEST}}
+    assert set(queue.store.list(keys.MESHES)) == expected
+    assert list((queue.store.root / ".tmp").iterdir()) == []
 
 
 def test_running_a_stage_again_writes_the_same_bytes(queue):
@@ -424,7 +449,7 @@ def remove(backend, queue):
 def test_a_killed_queue_server_loses_no_accepted_mesh(tmp_path, data):
     backend, queue = start(tmp_path, 2)
     try:
-        meshes = [accept(queue.store, ply(sphere(1, radius=1 + n)), name="a.ply", **SMALL) for n in range(8)]
+        meshes = [accept(queue.store, ply(sphere(1, radius=1 + n)), name="a.ply", **SMALL) for n in range(6)]
         unusable = accept(queue.store, b"ply\nthis is not one", name="a.ply")
         for mesh_id in (*meshes, unusable):
             queue.advance(mesh_id)
@@ -454,13 +479,14 @@ def left_of(queue, mesh_id):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("stage", UNCHECKED)
+@pytest.mark.parametrize("stage", STAGES)
 def test_deleting_during_a_stage_leaves_nothing(running, stage):
     _, queue = running
     before = set(queue.store.list())
-    mesh_id = accept(queue.store, large(), name="a.ply", texels=4096)
+    data, texels = (ply(bumpy_sphere(4)), 64) if stage == "verify" else (large(), 4096)
+    mesh_id = accept(queue.store, data, name="a.ply", texels=texels)
     queue.advance(mesh_id)
-    wait_for(lambda: stage in queue.progress.read(mesh_id))
+    wait_for(lambda: stage in queue.progress.read(mesh_id) or records.read_manifest(queue.store, mesh_id))
     assert queue.cancel(mesh_id)
     wait_for(lambda: not any(map(_started_entries, (queue.queue, queue.later))))
     assert set(queue.store.list()) == before
