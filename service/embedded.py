@@ -18,7 +18,8 @@ from typing import BinaryIO
 
 import redis
 
-from backend.queue import JobQueue, connect
+from backend.queue import JobQueue
+from backend.redis_connection import connect
 from backend.settings import ENV_PREFIX, BackendSettings
 from schemas.jobs import READER_FLAG, WORKER_MODULE
 from service.children import Child, Supervisor
@@ -83,7 +84,7 @@ class EmbeddedBackend:
             self._supervisor.start()
             self._supervisor.add(self._server())
             self._wait_for_server()
-            self._queue().restart_abandoned()
+            self._queue().jobs.restart_abandoned()
         except BaseException:
             self.stop(0.0)
             raise
@@ -97,7 +98,7 @@ class EmbeddedBackend:
         self._supervisor.remove([*self.worker_names, READER], grace_s)
         if self._answered:
             try:
-                self._queue().release_started()
+                self._queue().jobs.release_started()
             except redis.RedisError as error:
                 log.warning("interrupted jobs keep their attempt: %s", error)
         self._supervisor.stop(SERVER_GRACE_S)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from ipaddress import ip_address
 
-from backend.queue import connection_options
+from backend.redis_connection import connection_options
 from backend.store import Store
 from backend.stores import open_store
 from schemas.access import KeyLimits

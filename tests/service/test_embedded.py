@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import redis
 
-from backend.queue import connect
+from backend.redis_connection import connect
 from service.children import Child, Supervisor
 from service.embedded import SOCKET_PATH_BYTES, EmbeddedBackend, StartupError
 

@@ -8,7 +8,7 @@ from backend import records
 from backend.local_store import LocalStore
 from backend.manifests import build_manifest
 from backend.progress import Progress
-from backend.queue import connect
+from backend.redis_connection import connect
 from schemas import keys
 from schemas.errors import NotFoundError, NotReadyError
 from schemas.jobs import LATER_STAGES, STAGES

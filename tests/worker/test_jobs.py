@@ -16,8 +16,9 @@ from backend import records
 from backend.artifacts import open_artifact
 from backend.damage import is_sound
 from backend.local_store import LocalStore
-from backend.queue import JobQueue, StageQueue, _started_entries
+from backend.queue import JobQueue
 from backend.settings import BackendSettings
+from backend.stage_jobs import StageQueue, started_entries
 from schemas import artifacts, keys
 from schemas.errors import CancelledError, MeshRejectedError
 from schemas.jobs import STAGES
@@ -488,7 +489,7 @@ def test_deleting_during_a_stage_leaves_nothing(running, stage):
     queue.advance(mesh_id)
     wait_for(lambda: stage in queue.progress.read(mesh_id) or records.read_manifest(queue.store, mesh_id))
     assert queue.cancel(mesh_id)
-    wait_for(lambda: not any(map(_started_entries, (queue.queue, queue.later))))
+    wait_for(lambda: not any(map(started_entries, (queue.queue, queue.later))))
     assert set(queue.store.list()) == before
     assert list((queue.store.root / ".tmp").iterdir()) == []
     assert left_of(queue, mesh_id) == []

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from backend import records
-from backend.queue import _started_entries
+from backend.stage_jobs import started_entries
 from schemas import jobs as names
 from schemas import keys
 from schemas.jobs import LATER_STAGES, STAGES
@@ -129,7 +129,7 @@ def test_deleting_during_a_later_stage_leaves_nothing(queue, workers, stage):
     mesh_id = upload(queue, ply(sphere(3)))
     wait_for(lambda: stage in queue.progress.read(mesh_id), 240.0)
     assert queue.cancel(mesh_id)
-    wait_for(lambda: not any(map(_started_entries, (queue.queue, queue.later))))
+    wait_for(lambda: not any(map(started_entries, (queue.queue, queue.later))))
     assert list(queue.store.list()) == []
     assert left_of(queue, mesh_id) == []
 
