@@ -18,7 +18,7 @@ STATUS: dict[type[errors.SilhouetteError], tuple[int, str]] = {
     errors.StoreUnavailableError: (503, "The object store does not answer"),
     errors.UnauthorizedError: (401, "A key is needed"),
     errors.ForbiddenError: (403, "Not allowed"),
-    errors.QuotaError: (429, "Over the key's quota"),
+    errors.QuotaError: (429, "Over the quota"),
     errors.StorageFullError: (507, "No room for the upload"),
     errors.CorruptArtifactError: (500, "A stored artifact is damaged"),
     errors.DamagedUploadError: (422, "The stored upload is damaged"),

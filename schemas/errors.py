@@ -12,7 +12,7 @@
     │   └── StoreUnavailableError   the object store does not answer               503
     ├── UnauthorizedError       no key, or none that is good here                  401
     ├── ForbiddenError          the key may not do this, or the signature is wrong 403
-    ├── QuotaError              a key is over its own quota, carries retry_after_s 429
+    ├── QuotaError              a key or address is over its quota, carries retry_after_s 429
     ├── StorageFullError        no space to accept the bytes                       507
     ├── CorruptArtifactError    a stored artifact fails its own checks             500
     │   ├── DamagedArtifactError its bytes are not those that were written         409 (it is made again)
@@ -118,7 +118,7 @@ class ForbiddenError(SilhouetteError):
 
 
 class QuotaError(SilhouetteError):
-    """A key is over its own quota; `where["quota"]` names it, `where["limit"]` says how much it is."""
+    """A key, or without keys an address, is over its own quota; `where["quota"]` names it, `where["limit"]` says how much it is."""
 
     code = "quota-exceeded"
 
