@@ -6,7 +6,8 @@ After `forget` nothing of a mesh can be written any more, unless it is accepted 
 On many machines a lock is a lease (`backend.leases`), and a process that was stopped at the wrong moment may write one thing after it
 has lost it. What each such write can do:
 
-accept   puts an upload under the hash of its bytes, and a record only where there is none: never anything wrong.
+accept   puts an upload under the hash of its bytes, and a record only where there is none that can be read: never anything wrong. A
+         failure that came of damage it forgets; done late, that runs a stage once more.
 publish  puts artifacts whose bytes follow from the mesh's id, and a manifest only where there is none. Of a mesh that is accepted they
          are right, whoever writes them; of one that was deleted meanwhile nobody looks at them, `accept` clears them away before the
          mesh is accepted again, and `sweep` some day.
