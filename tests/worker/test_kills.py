@@ -110,7 +110,7 @@ def scene(request, prepared, tmp_path_factory):
             for mesh_id in meshes.values():
                 queue.progress.clear(mesh_id)
         if request.param == "worker":
-            workers = start(2)
+            workers = start(len(meshes))
         again = {}
 
         def all_started_again():
