@@ -88,7 +88,7 @@ def read_artifact(store: Store, mesh_id: str, layout: Layout) -> dict[str, Array
     Raises NotFoundError, DamagedArtifactError.
     """
     try:
-        return open_artifact(store.local_path(keys.artifact(mesh_id, layout.file)), layout, verify=True)
+        return store.read_local(keys.artifact(mesh_id, layout.file), lambda path: open_artifact(path, layout, verify=True))
     except CorruptArtifactError as error:
         raise DamagedArtifactError(error.message, **{**error.where, "mesh": mesh_id}) from error
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import logging
+from pathlib import Path
 
 from backend import records
 from backend.artifacts import open_artifact, read_header
 from backend.store import Store
 from schemas import keys
-from schemas.artifacts import LAYOUTS
+from schemas.artifacts import LAYOUTS, Layout
 from schemas.errors import CorruptArtifactError, NotFoundError
 from schemas.jobs import LATER_STAGES, STAGES
 from schemas.manifest import StageRecord
@@ -23,10 +24,12 @@ def drop_damaged(store: Store, mesh_id: str) -> list[str]:
     """Forget the stages of a mesh whose files are damaged or missing, so that they are due again; their names.
 
     The files of all stages are read. What other stages made of the sound files stays: a stage writes the same bytes whenever it runs.
-    `verify` runs again with any other, and the manifest goes first, so that whoever dies half-way leaves a mesh that is in work.
+    `verify` runs again with any other, and the manifest goes first, so that whoever dies half-way leaves a mesh that is in work. A damaged
+    manifest goes, too: it is made of the records.
     Raises CancelledError when the mesh has been deleted.
     """
     with records.publishing(store, mesh_id):
+        records.drop_damaged_manifest(store, mesh_id)
         ended = (records.read_stage(store, mesh_id, stage) for stage in (*STAGES, *LATER_STAGES))
         damaged = [record.stage for record in ended if record is not None and not is_sound(store, mesh_id, record)]
         if any(stage in STAGES for stage in damaged):
@@ -51,8 +54,11 @@ def contents_sha256(store: Store, mesh_id: str, name: str) -> str | None:
     try:
         if name not in LAYOUT_OF:
             return hashlib.sha256(store.get_bytes(keys.artifact(mesh_id, name))).hexdigest()
-        path = store.local_path(keys.artifact(mesh_id, name))
-        open_artifact(path, LAYOUT_OF[name], verify=True)
-        return read_header(path, LAYOUT_OF[name]).sha256
+        return store.read_local(keys.artifact(mesh_id, name), lambda path: _artifact_sha256(path, LAYOUT_OF[name]))
     except (NotFoundError, CorruptArtifactError):
         return None
+
+
+def _artifact_sha256(path: Path, layout: Layout) -> str:
+    open_artifact(path, layout, verify=True)
+    return read_header(path, layout).sha256

@@ -64,6 +64,10 @@ class LocalStore(Store):
             raise NotFoundError("there is no such object", key=key)
         return path
 
+    def drop_copy(self, key: str) -> bool:
+        """As `Store.drop_copy`: files here are the objects."""
+        return False
+
     def exists(self, key: str) -> bool:
         """As `Store.exists`."""
         return self._path(key).is_file()

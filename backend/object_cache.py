@@ -1,7 +1,8 @@
 """Copies of objects on this machine's disk, for mapping; the least recently used go when they are too many.
 
 A copy's name is a hash of where the object is and of its version, so a copy never goes stale: another version has another name. It is
-made under a temporary name, compared with the sha256 that the object was stored with, and renamed.
+made under a temporary name, compared with the sha256 that the object was stored with, and renamed. A copy that this machine's disk has
+damaged since is found by whoever reads it, and dropped.
 """
 
 from __future__ import annotations
@@ -61,6 +62,15 @@ class ObjectCache:
         with suppress(OSError):
             source.rename(self._copies / _name(place, tag))
             self.evict(self._limit)
+
+    def drop(self, place: str, tag: str) -> bool:
+        """Remove the copy of a version of an object, which has turned out to be damaged; False when there is none."""
+        try:
+            (self._copies / _name(place, tag)).unlink()
+        except FileNotFoundError:
+            return False
+        log.error("a damaged copy was removed", extra={"object": place})
+        return True
 
     def evict(self, limit_bytes: int) -> int:
         """Remove copies, least recently used first, until there are no more than this together; how many bytes went."""

@@ -18,16 +18,23 @@ STATUS: dict[type[errors.SilhouetteError], tuple[int, str]] = {
     errors.StoreUnavailableError: (503, "The object store does not answer"),
     errors.UnauthorizedError: (401, "A key is needed"),
     errors.ForbiddenError: (403, "Not allowed"),
-    errors.QuotaError: (429, "Over the key's quota"),
+    errors.QuotaError: (429, "Over the quota"),
     errors.StorageFullError: (507, "No room for the upload"),
     errors.CorruptArtifactError: (500, "A stored artifact is damaged"),
+    errors.DamagedUploadError: (422, "The stored upload is damaged"),
     errors.CancelledError: (404, "The mesh was deleted"),
     errors.SilhouetteError: (500, "Internal error"),
 }
 """HTTP status and title of each error, or of the nearest above it in the tree."""
 PRIVATE = frozenset({*Problem.model_fields, "key", "path"})
 """What never goes from an error's `where` into a problem: RFC 9457's own members, and where things lie in the store."""
-KEPT = (errors.MeshRejectedError, errors.UnknownFormatError, errors.TooLargeError, errors.CorruptArtifactError)
+KEPT = (
+    errors.MeshRejectedError,
+    errors.UnknownFormatError,
+    errors.TooLargeError,
+    errors.CorruptArtifactError,
+    errors.DamagedUploadError,
+)
 """Errors that say of a mesh what it is; any other that ends a stage only says that the mesh could not be processed."""
 BROKEN = errors.StageFailedError("This stage did not end well however often it was started.")
 """What the public hears of a fault of ours; the log has the trace."""

@@ -6,7 +6,8 @@ After `forget` nothing of a mesh can be written any more, unless it is accepted 
 On many machines a lock is a lease (`backend.leases`), and a process that was stopped at the wrong moment may write one thing after it
 has lost it. What each such write can do:
 
-accept   puts an upload under the hash of its bytes, and a record only where there is none: never anything wrong.
+accept   puts an upload under the hash of its bytes, and a record only where there is none that can be read: never anything wrong. A
+         failure that came of damage it forgets; done late, that runs a stage once more.
 publish  puts artifacts whose bytes follow from the mesh's id, and a manifest only where there is none. Of a mesh that is accepted they
          are right, whoever writes them; of one that was deleted meanwhile nobody looks at them, `accept` clears them away before the
          mesh is accepted again, and `sweep` some day.
@@ -17,6 +18,7 @@ forget   deletes the acceptance first: done late, that is a deletion whose calle
 
 from __future__ import annotations
 
+import hashlib
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,12 +29,15 @@ from pydantic import BaseModel, ValidationError
 
 from backend.store import Store
 from schemas import keys
-from schemas.errors import CancelledError, CorruptArtifactError, NotFoundError
-from schemas.jobs import LATER_STAGES
+from schemas.errors import CancelledError, CorruptArtifactError, DamagedArtifactError, DamagedUploadError, NotFoundError
+from schemas.jobs import LATER_STAGES, STAGES
 from schemas.manifest import Accepted, Manifest, StageRecord
 
 log = logging.getLogger(__name__)
 OUTLINE = frozenset({keys.ACCEPTED, keys.MANIFEST, *map(keys.stage_name, LATER_STAGES)})
+
+DAMAGED_BYTES = "The stored upload is damaged: send the same file with the same options again."
+DAMAGED_RECORD = "The record of this upload is damaged: send the same file with the same options again."
 
 _uploads: dict[str, str] = {}
 """Uploads of meshes by their ids, which say what they are made of: what was read once stays true."""
@@ -43,14 +48,17 @@ R = TypeVar("R", bound=BaseModel)
 def accept(store: Store, accepted: Accepted, upload: Path) -> bool:
     """Make an upload durable: its bytes (the file `upload`, moved away), then its record. False when it was accepted before.
 
-    Raises StorageFullError; then nothing is accepted.
+    What is stored of it already is read: damaged bytes or a damaged record are replaced, and a mesh that failed by them is in work again;
+    then True. Raises StorageFullError; then nothing is accepted.
     """
     with store.locked(keys.upload(accepted.upload_sha256)):
-        if not store.exists(keys.upload(accepted.upload_sha256)):
+        try:
+            upload_path(store, accepted.upload_sha256)
+        except DamagedUploadError:
             store.put_file(keys.upload(accepted.upload_sha256), upload)
         with store.locked(keys.accepted(accepted.id)):
             if is_accepted(store, accepted.id):
-                return False
+                return _mend(store, accepted)
             store.delete_prefix(keys.folder(accepted.id))  # what a deletion that was interrupted left
             return store.put_bytes(keys.accepted(accepted.id), _json(accepted), create_only=True)
 
@@ -61,8 +69,26 @@ def is_accepted(store: Store, mesh_id: str) -> bool:
 
 
 def read_accepted(store: Store, mesh_id: str) -> Accepted:
-    """The acceptance record. Raises NotFoundError."""
-    return _read(store, keys.accepted(mesh_id), Accepted)
+    """The acceptance record. Raises NotFoundError, DamagedUploadError."""
+    try:
+        return _read(store, keys.accepted(mesh_id), Accepted)
+    except CorruptArtifactError as error:
+        raise DamagedUploadError(DAMAGED_RECORD, mesh=mesh_id) from error
+
+
+def upload_path(store: Store, sha256: str) -> Path:
+    """The file of an upload, all of it compared with its hash. Raises DamagedUploadError, also when there is none."""
+
+    def compared(path: Path) -> Path:
+        with path.open("rb") as file:
+            if hashlib.file_digest(file, "sha256").hexdigest() != sha256:
+                raise CorruptArtifactError("an upload's bytes have changed since it was stored")
+        return path
+
+    try:
+        return store.read_local(keys.upload(sha256), compared)
+    except (NotFoundError, CorruptArtifactError) as error:
+        raise DamagedUploadError(DAMAGED_BYTES) from error
 
 
 def list_accepted(store: Store) -> Iterator[Accepted]:
@@ -116,19 +142,35 @@ def write_manifest(store: Store, manifest: Manifest) -> bool:
 
 
 def read_manifest(store: Store, mesh_id: str) -> Manifest | None:
-    """The manifest, or None while the mesh is in work."""
+    """The manifest, or None while the mesh is in work. Raises DamagedArtifactError."""
     try:
         return _read(store, keys.manifest(mesh_id), Manifest)
     except NotFoundError:
         return None
+    except CorruptArtifactError as error:
+        raise DamagedArtifactError("a manifest is damaged", mesh=mesh_id) from error
+
+
+def drop_damaged_manifest(store: Store, mesh_id: str) -> None:
+    """Delete a manifest that cannot be read, to be made again; the caller holds `publishing`."""
+    try:
+        read_manifest(store, mesh_id)
+    except DamagedArtifactError:
+        log.exception("unreadable manifest", extra={"mesh": mesh_id})
+        store.delete(keys.manifest(mesh_id))
 
 
 def forget(store: Store, mesh_id: str) -> bool:
-    """Delete a mesh, its acceptance first, and its upload when no other mesh has it. False when there was no such mesh."""
+    """Delete a mesh, its acceptance first, and its upload when no other mesh has it. False when there was no such mesh.
+
+    Which upload it was a damaged acceptance does not say: that is swept some day.
+    """
     try:
         upload = read_accepted(store, mesh_id).upload_sha256
     except NotFoundError:
         return False
+    except DamagedUploadError:
+        return _forget_mesh(store, mesh_id)
     with store.locked(keys.upload(upload)):
         existed = _forget_mesh(store, mesh_id)
         if not _is_used(store, upload):
@@ -137,14 +179,22 @@ def forget(store: Store, mesh_id: str) -> bool:
 
 
 def sweep(store: Store, temporary_age_s: float) -> None:
-    """Remove what interrupted calls left: old temporary files, meshes and uploads without an acceptance record."""
+    """Remove what interrupted calls left: old temporary files, meshes and uploads without an acceptance record.
+
+    No upload goes while there is an acceptance record that cannot be read: it may be that one's.
+    """
     store.sweep_temporary(temporary_age_s)
     found = dict(outlines(store))
     for mesh_id in (mesh_id for mesh_id, names in found.items() if keys.ACCEPTED not in names):
         with store.locked(keys.accepted(mesh_id)):
             if not is_accepted(store, mesh_id):
                 store.delete_prefix(keys.folder(mesh_id))
-    in_use = {_upload_of(store, mesh_id) for mesh_id, names in found.items() if keys.ACCEPTED in names}
+    in_use = set()
+    for mesh_id in (mesh_id for mesh_id, names in found.items() if keys.ACCEPTED in names):
+        try:
+            in_use.add(_upload_of(store, mesh_id))
+        except DamagedUploadError:
+            log.exception("unreadable acceptance record", extra={"mesh": mesh_id})
     for upload in set(store.children(keys.UPLOADS)) - in_use:
         with store.locked(keys.upload(upload)):
             if not _is_used(store, upload):
@@ -158,16 +208,45 @@ def _forget_mesh(store: Store, mesh_id: str) -> bool:
         return existed
 
 
+def _mend(store: Store, accepted: Accepted) -> bool:
+    """Replace the acceptance of a mesh where it cannot be read, and forget failures that came of a damaged upload; whether there were any.
+
+    The caller holds the mesh.
+    """
+    try:
+        read_accepted(store, accepted.id)
+        is_mended = False
+    except DamagedUploadError:
+        is_mended = store.put_bytes(keys.accepted(accepted.id), _json(accepted))
+    ended = (read_stage(store, accepted.id, stage) for stage in STAGES)
+    if failed := [record.stage for record in ended if record is not None and _is_of_damaged_upload(record)]:
+        store.delete(keys.manifest(accepted.id))
+        for stage in failed:
+            store.delete(keys.stage_record(accepted.id, stage))
+    return is_mended or bool(failed)
+
+
+def _is_of_damaged_upload(record: StageRecord) -> bool:
+    return record.error is not None and (record.error.model_extra or {}).get("code") == DamagedUploadError.code
+
+
 def _is_used(store: Store, upload: str) -> bool:
-    """Whether an accepted mesh has this upload."""
-    return any(_upload_of(store, mesh_id) == upload and is_accepted(store, mesh_id) for mesh_id in store.children(keys.MESHES))
+    """Whether an accepted mesh has this upload, or may have: one whose record cannot be read."""
+    return any(_may_have(store, mesh_id, upload) and is_accepted(store, mesh_id) for mesh_id in store.children(keys.MESHES))
+
+
+def _may_have(store: Store, mesh_id: str, upload: str) -> bool:
+    try:
+        return _upload_of(store, mesh_id) == upload
+    except DamagedUploadError:
+        return True
 
 
 def _upload_of(store: Store, mesh_id: str) -> str | None:
     if mesh_id not in _uploads:
         try:
             _uploads[mesh_id] = read_accepted(store, mesh_id).upload_sha256
-        except (NotFoundError, CorruptArtifactError):
+        except NotFoundError:
             return None
     return _uploads[mesh_id]
 

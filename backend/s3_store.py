@@ -80,6 +80,11 @@ class S3Store(Store):
                 continue
         raise NotFoundError("there is no such object", key=key)
 
+    def drop_copy(self, key: str) -> bool:
+        """As `Store.drop_copy`, of the present version."""
+        found = self._head(key)
+        return found is not None and self._cache.drop(self._named(key), found.tag)
+
     def exists(self, key: str) -> bool:
         """As `Store.exists`."""
         return self._head(key) is not None

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Self
+from typing import BinaryIO, NamedTuple, Self, TypeVar
 
+from schemas.errors import CorruptArtifactError
+
+T = TypeVar("T")
 KEY = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]*(/[A-Za-z0-9_-][A-Za-z0-9._-]*)*")
 
 
@@ -50,6 +53,10 @@ class Store(ABC):
     @abstractmethod
     def local_path(self, key: str) -> Path:
         """A file of this machine with the object's bytes, for mapping at once; to be read only. Raises NotFoundError."""
+
+    @abstractmethod
+    def drop_copy(self, key: str) -> bool:
+        """Remove this machine's copy of the object; False where there is none, or where the object itself is on this machine."""
 
     @abstractmethod
     def exists(self, key: str) -> bool:
@@ -97,6 +104,18 @@ class Store(ABC):
     @abstractmethod
     def check(self) -> None:
         """Write something, to see that it can be done. Raises StorageFullError, StoreUnavailableError, OSError."""
+
+    def read_local(self, key: str, read: Callable[[Path], T]) -> T:
+        """What `read` makes of the object's file. When that is damaged and only a copy, of another copy of the object.
+
+        Raises NotFoundError, and CorruptArtifactError when `read` does so of what is not a copy, or of a new one.
+        """
+        try:
+            return read(self.local_path(key))
+        except CorruptArtifactError:
+            if not self.drop_copy(key):
+                raise
+        return read(self.local_path(key))
 
     def list(self, prefix: str = "") -> Iterator[str]:
         """Keys that start with `prefix`, sorted within each folder."""

@@ -101,7 +101,7 @@ class BusyError(ServiceError):
 
 
 class QuotaError(ServiceError):
-    """The key is over its own quota."""
+    """The key, or the address of a service without keys, is over its own quota."""
 
     retry_after_s = 1.0
 

@@ -12,10 +12,11 @@
     │   └── StoreUnavailableError   the object store does not answer               503
     ├── UnauthorizedError       no key, or none that is good here                  401
     ├── ForbiddenError          the key may not do this, or the signature is wrong 403
-    ├── QuotaError              a key is over its own quota, carries retry_after_s 429
+    ├── QuotaError              a key or address is over its quota, carries retry_after_s 429
     ├── StorageFullError        no space to accept the bytes                       507
     ├── CorruptArtifactError    a stored artifact fails its own checks             500
-    │   └── DamagedArtifactError its bytes are not those that were written         409 (it is made again)
+    │   ├── DamagedArtifactError its bytes are not those that were written         409 (it is made again)
+    │   └── DamagedUploadError  the same of an upload or of the record of it       kept as the mesh's failure, until it is sent again
     ├── StageFailedError        a preprocessing stage could not finish             kept as the mesh's failure
     └── CancelledError          the mesh was deleted while a stage ran             never leaves the worker
 
@@ -117,7 +118,7 @@ class ForbiddenError(SilhouetteError):
 
 
 class QuotaError(SilhouetteError):
-    """A key is over its own quota; `where["quota"]` names it, `where["limit"]` says how much it is."""
+    """A key, or without keys an address, is over its own quota; `where["quota"]` names it, `where["limit"]` says how much it is."""
 
     code = "quota-exceeded"
 
@@ -140,6 +141,12 @@ class CorruptArtifactError(SilhouetteError):
 
 class DamagedArtifactError(CorruptArtifactError):
     """The bytes of a stored artifact are not those that were written, so its stage is to run again; `where["mesh"]` is the mesh."""
+
+
+class DamagedUploadError(CorruptArtifactError):
+    """The stored bytes of an upload are not those that came, or its acceptance cannot be read: whoever has them must send them again."""
+
+    code = "damaged-upload"
 
 
 class StageFailedError(SilhouetteError):

@@ -20,7 +20,8 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.types import Scope
 
 from backend import once, records
-from backend.queue import JobQueue, connect
+from backend.queue import JobQueue
+from backend.redis_connection import connect
 from backend.tracing import open_tracing
 from schemas.errors import SilhouetteError
 from service import damage, errors

@@ -132,7 +132,10 @@ class Supervisor:
         slot.process, slot.start_at_s = None, time.monotonic() + slot.backoff_s
         log.warning("child ended", extra={"child": slot.child.name, "status": status, "lived_s": round(lived_s, 2)})
         if slot.child.on_exit is not None:
-            slot.child.on_exit(status)
+            try:
+                slot.child.on_exit(status)
+            except OSError:  # the others are kept running, whatever it was
+                log.exception("what the end of a child calls for was not done", extra={"child": slot.child.name})
 
 
 def _spawn(child: Child) -> subprocess.Popen[bytes]:

@@ -9,6 +9,8 @@ from typing import cast
 from anyio import to_thread
 from fastapi import FastAPI, Request, Response
 
+from backend.store import Store
+from schemas import keys
 from schemas.errors import DamagedArtifactError, NotReadyError
 from schemas.manifest import Manifest
 from service.errors import error_response
@@ -17,12 +19,17 @@ from service.state import Services
 BEING_MADE_AGAIN = "A stored file of the mesh was damaged; it is being made again."
 
 
-def check_download(path: Path, manifest: Manifest, name: str) -> None:
-    """Compare a download with the sha256 in the record of its stage. Raises DamagedArtifactError."""
+def download_path(store: Store, manifest: Manifest, name: str) -> Path:
+    """The file of a download, compared with the sha256 in the record of its stage. Raises NotFoundError, DamagedArtifactError."""
     digest = next((stage.artifacts[name] for stage in manifest.stages if name in stage.artifacts), None)
-    with path.open("rb") as file:
-        if hashlib.file_digest(file, "sha256").hexdigest() != digest:
-            raise DamagedArtifactError("a download's bytes have changed since it was written", file=name, mesh=manifest.id)
+
+    def compared(path: Path) -> Path:
+        with path.open("rb") as file:
+            if hashlib.file_digest(file, "sha256").hexdigest() != digest:
+                raise DamagedArtifactError("a download's bytes have changed since it was written", file=name, mesh=manifest.id)
+        return path
+
+    return store.read_local(keys.artifact(manifest.id, name), compared)
 
 
 def install(app: FastAPI) -> None:

@@ -18,7 +18,8 @@ from typing import BinaryIO
 
 import redis
 
-from backend.queue import JobQueue, connect
+from backend.queue import JobQueue
+from backend.redis_connection import connect
 from backend.settings import ENV_PREFIX, BackendSettings
 from schemas.jobs import READER_FLAG, WORKER_MODULE
 from service.children import Child, Supervisor
@@ -85,7 +86,7 @@ class EmbeddedBackend:
             self._supervisor.start()
             self._supervisor.add(self._server())
             self._wait_for_server()
-            self._queue().restart_abandoned()
+            self._queue().jobs.restart_abandoned()
         except BaseException:
             self.stop(0.0)
             raise
@@ -99,7 +100,7 @@ class EmbeddedBackend:
         self._supervisor.remove([*self.worker_names, READER], grace_s)
         if self._answered:
             try:
-                self._queue().release_started()
+                self._queue().jobs.release_started()
             except redis.RedisError as error:
                 log.warning("interrupted jobs keep their attempt: %s", error)
         self._supervisor.stop(SERVER_GRACE_S)
@@ -142,14 +143,13 @@ class EmbeddedBackend:
         return Child(SERVER, command, {}, signal.SIGTERM, self.data_dir / "valkey.log", self._server_ended)
 
     def _server_ended(self, status: int) -> None:
-        """Move an unreadable file aside: the reconciler fills an empty server again."""
-        if status != EXIT_FAILED:
-            return
-        aside = self.data_dir / "redis.unreadable"
-        shutil.rmtree(aside, ignore_errors=True)
-        self._server_folder.rename(aside)
-        self._server_folder.mkdir()
-        log.error("the queue's file could not be read and was moved aside", extra={"moved_to": str(aside)})
+        """Move an unreadable file aside, make a folder that is gone again: the reconciler fills an empty server."""
+        if status == EXIT_FAILED and self._server_folder.exists():
+            aside = self.data_dir / "redis.unreadable"
+            shutil.rmtree(aside, ignore_errors=True)
+            self._server_folder.rename(aside)
+            log.error("the queue's file could not be read and was moved aside", extra={"moved_to": str(aside)})
+        self._server_folder.mkdir(exist_ok=True)
 
     def _worker(self, name: str, *flags: str) -> Child:
         environment = {

@@ -13,11 +13,12 @@ from typing import TypeVar
 
 from backend import records
 from backend.manifests import loaded_manifest, with_later_stages
+from backend.problems import problem_of
 from backend.progress import Progress
 from backend.store import Store
 from schemas import keys
 from schemas.artifacts import COLOR_PNG, HULL_GLB, NORMAL_PNG, ORIGINAL_GLB
-from schemas.errors import InvalidRequestError, NotFoundError, NotReadyError
+from schemas.errors import DamagedUploadError, InvalidRequestError, NotFoundError, NotReadyError
 from schemas.jobs import LATER_STAGES, STAGES
 from schemas.keys import MESH_ID, MESHES
 from schemas.manifest import Accepted, Manifest, StageRecord
@@ -60,7 +61,7 @@ class Meshes:
         self._lock = threading.Lock()
 
     def info(self, mesh_id: str) -> MeshInfo:
-        """Everything about a mesh. Raises NotFoundError."""
+        """Everything about a mesh. Raises NotFoundError, FailedMeshError when its acceptance is damaged."""
         accepted = self._read_accepted(mesh_id)
         manifest = self._current(mesh_id)
         return self._in_work(accepted, manifest) if manifest is None or manifest.status == "loaded" else self._ended(accepted, manifest)
@@ -80,7 +81,7 @@ class Meshes:
         if (seen := self._seen_within(mesh_id, self._store.look_interval_s)) is not None:
             return seen
         started_s = time.monotonic()
-        self._read_accepted(mesh_id)
+        self._require(mesh_id)
         manifest = self._current(mesh_id)
         if manifest is None:
             raise NotReadyError(NOT_READY, mesh=mesh_id)
@@ -145,12 +146,13 @@ class Meshes:
             _put(self._settled, mesh_id, (version, manifest))
 
     def _each(self, read: Callable[[str], T], ids: Iterable[str]) -> Iterator[T]:
-        """What is read of each mesh that is not deleted meanwhile; several at a time where reading takes milliseconds."""
+        """What is read of each mesh that is not deleted meanwhile and whose acceptance is sound; several at a time where reading takes
+        milliseconds."""
 
         def found(mesh_id: str) -> T | None:
             try:
                 return read(mesh_id)
-            except NotFoundError:
+            except (NotFoundError, FailedMeshError):
                 return None
 
         if not self._store.look_interval_s:
@@ -162,14 +164,21 @@ class Meshes:
         """The acceptance of a mesh that was accepted once. Raises NotFoundError."""
         return self._accepted.get(mesh_id) or self._read_accepted(mesh_id)
 
-    def _read_accepted(self, mesh_id: str) -> Accepted:
+    def _require(self, mesh_id: str) -> None:
+        """Raise NotFoundError when there is no such mesh."""
         if not MESH_ID.match(mesh_id) or not records.is_accepted(self._store, mesh_id):
             self.forget(mesh_id)
             raise NotFoundError(NO_SUCH_MESH)
+
+    def _read_accepted(self, mesh_id: str) -> Accepted:
+        """The acceptance of a mesh. Raises NotFoundError, FailedMeshError when it is damaged."""
+        self._require(mesh_id)
         try:
             return self._accepted.get(mesh_id) or self._accepted.setdefault(mesh_id, records.read_accepted(self._store, mesh_id))
         except NotFoundError:
             raise NotFoundError(NO_SUCH_MESH) from None
+        except DamagedUploadError as error:
+            raise FailedMeshError(problem_of(error)) from error
 
     def _in_work(self, accepted: Accepted, loaded: Manifest | None) -> MeshInfo:
         running = self._progress.read(accepted.id)

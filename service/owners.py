@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from fastapi import Request
 
+from service.access.addresses import address_of
 from service.access.caller import caller_of
 
 
 def owner_of(request: Request) -> str:
-    """The key it came with, or the client's address: without keys, what comes through one proxy is of one owner."""
+    """The key it came with, or the client's address."""
     key = caller_of(request).key
     if key is not None:
         return f"key {key.id}"
-    return "" if request.client is None else request.client.host
+    return address_of(request.scope)

@@ -32,6 +32,8 @@ class ServiceSettings(BackendSettings):
     behind_tls: bool = Field(False, description="the service is reached by TLS alone: tell browsers so")
     requests_per_minute: int = Field(6000, ge=0, description="requests a minute of a key that has no limit of its own; 0: any number")
     concurrent_renders: int = Field(0, ge=0, description="pictures in work at once of a key that has no limit of its own; 0: any number")
+    address_requests_per_minute: int = Field(0, ge=0, description="requests a minute of an address while no key is needed; 0: any number")
+    address_concurrent_renders: int = Field(0, ge=0, description="pictures in work at once of an address likewise; 0: any number")
     max_pixels: int = Field(MAX_SIDE_PX**2, ge=1, description="largest picture, width times height")
     max_faces: int | None = Field(None, ge=1, description="faces of the largest mesh; none: what a worker takes")
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from backend.queue import connect
+from backend.redis_connection import connect
 from client import Client
 from client.local import LocalService
 from client.shapes import write_ply

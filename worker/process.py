@@ -27,7 +27,8 @@ from rq.queue import Queue
 from rq.serializers import JSONSerializer
 
 from backend.logs import bound
-from backend.queue import JobQueue, StageQueue
+from backend.queue import JobQueue
+from backend.stage_jobs import StageQueue
 from backend.tracing import REQUEST, open_tracing
 from schemas.errors import SilhouetteError
 from schemas.jobs import LATER_QUEUE, ONCE_QUEUE

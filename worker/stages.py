@@ -90,7 +90,7 @@ class Inputs:
 
     @cached_property
     def accepted(self) -> Accepted:
-        """The acceptance record, with the options."""
+        """The acceptance record, with the options. Raises DamagedUploadError."""
         return records.read_accepted(self.store, self.mesh_id)
 
     @cached_property
@@ -122,8 +122,8 @@ class Inputs:
         return Frame(tuple(self.loaded["frame"]["centre"]), self.loaded["frame"]["scale"])
 
     def upload(self) -> Path:
-        """The uploaded file. Raises NotFoundError."""
-        return self.store.local_path(keys.upload(self.accepted.upload_sha256))
+        """The uploaded file, compared with the hash it was accepted with. Raises DamagedUploadError."""
+        return records.upload_path(self.store, self.accepted.upload_sha256)
 
     def tensors(self, layout: Layout) -> Tensors:
         """An artifact in memory: copies, since kernels compiled for writable arrays would be compiled again for views.

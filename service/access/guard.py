@@ -13,6 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from schemas.access import KeyRecord
 from schemas.errors import ForbiddenError, SilhouetteError, UnauthorizedError
 from service.access import signing
+from service.access.addresses import address_of
 from service.access.caller import Caller, set_caller, tightest
 from service.access.credentials import NO_KEY, challenge, is_foreign_write, token_of
 from service.access.policy import Access
@@ -47,7 +48,7 @@ class AccessGuard:
                 caller, scope = await self._recognised(access, dict(scope))
                 if caller.key is not None:
                     _note(caller.key)
-                    await _count(access, caller, scope["path"], held, headers)
+                await _count(access, caller, scope, held, headers)
             except SilhouetteError as error:
                 await _refuse(error, headers, scope, receive, send)
                 return
@@ -68,7 +69,7 @@ class AccessGuard:
         if is_foreign_write(method, headers, self.allowed_origins):
             raise ForbiddenError(FOREIGN)
         if await access.is_open():
-            return Caller(limits=access.limits), scope
+            return Caller(limits=access.open_limits), scope
         record = await _holder(access, token_of(headers))
         needed = scope_of(method, scope["path"])
         if needed not in record.scopes:
@@ -94,21 +95,21 @@ def _note(key: KeyRecord) -> None:
         record.key = key.id
 
 
-async def _count(access: Access, caller: Caller, path: str, held: ExitStack, headers: dict[str, str]) -> None:
+async def _count(access: Access, caller: Caller, scope: Scope, held: ExitStack, headers: dict[str, str]) -> None:
     """Count the request, and the picture that it wants as long as `held` lasts; what the client learns goes into `headers`.
 
     Raises QuotaError.
     """
-    assert caller.key is not None
+    owner = f"address {address_of(scope)}" if caller.key is None else caller.key.id
     if caller.limits.requests_per_minute is not None:
         try:
-            counted = await access.requests.count(caller.key.id, caller.limits.requests_per_minute)
+            counted = await access.requests.count(owner, caller.limits.requests_per_minute)
         except OverRateError as error:
             headers |= error.counted.headers()
             raise
         headers |= counted.headers()
-    if is_picture(path):
-        held.enter_context(access.renders.one_more(caller.key.id, caller.limits.concurrent_renders))
+    if is_picture(scope["path"]):
+        held.enter_context(access.renders.one_more(owner, caller.limits.concurrent_renders))
 
 
 async def _refuse(error: SilhouetteError, headers: dict[str, str], scope: Scope, receive: Receive, send: Send) -> None:

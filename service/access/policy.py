@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from ipaddress import ip_address
 
-from backend.queue import connection_options
+from backend.redis_connection import connection_options
 from backend.store import Store
 from backend.stores import open_store
 from schemas.access import KeyLimits
@@ -26,7 +26,8 @@ NO_REQUIRED_KEYS = """SILHOUETTE_REQUIRE_KEYS is set, and there is no key: nobod
 class Access:
     """What the guard of a running service works with.
 
-    always: whether keys are asked for though there be none. limits: those of every key that has no tighter ones.
+    always: whether keys are asked for though there be none. limits: those of every key that has no tighter ones. open_limits: those of
+    each address where no key is asked for.
     """
 
     ring: KeyRing
@@ -34,6 +35,7 @@ class Access:
     renders: RenderQuota
     always: bool
     limits: KeyLimits
+    open_limits: KeyLimits
 
     async def is_open(self) -> bool:
         """Whether everyone may do everything."""
@@ -44,6 +46,17 @@ def open_access(settings: ServiceSettings, store: Store) -> Access:
     """What the settings say. Raises ValueError without a Redis URL."""
     if settings.redis_url is None:
         raise ValueError("SILHOUETTE_REDIS_URL is not set")
+    limits = KeyLimits(
+        requests_per_minute=settings.requests_per_minute or None,
+        concurrent_renders=settings.concurrent_renders or None,
+        max_pixels=settings.max_pixels,
+        max_faces=settings.max_faces,
+        max_upload_mib=settings.max_upload_mib,
+    )
+    of_addresses = {
+        "requests_per_minute": settings.address_requests_per_minute or None,
+        "concurrent_renders": settings.address_concurrent_renders or None,
+    }
     return Access(
         ring=KeyRing(KeyStore(store)),
         requests=RequestQuota(
@@ -51,13 +64,8 @@ def open_access(settings: ServiceSettings, store: Store) -> Access:
         ),
         renders=RenderQuota(),
         always=needs_keys(settings),
-        limits=KeyLimits(
-            requests_per_minute=settings.requests_per_minute or None,
-            concurrent_renders=settings.concurrent_renders or None,
-            max_pixels=settings.max_pixels,
-            max_faces=settings.max_faces,
-            max_upload_mib=settings.max_upload_mib,
-        ),
+        limits=limits,
+        open_limits=limits.model_copy(update=of_addresses),
     )
 
 

@@ -1,4 +1,7 @@
-"""How much a key may ask: requests a minute, counted in Redis for all processes together, and pictures in work at once, in this one."""
+"""How much a key, or an address of a service without keys, may ask.
+
+Requests a minute are counted in Redis for all processes together, pictures in work at once in this one.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,7 @@ class OverRateError(QuotaError):
     """Too many requests a minute; `counted` says when to come again."""
 
     def __init__(self, counted: Counted) -> None:
-        told = f"This key has {counted.limit} requests a minute, and they are used up."
+        told = f"You have {counted.limit} requests a minute, and they are used up."
         super().__init__(told, retry_after_s=counted.reset_s, quota="requests_per_minute", limit=counted.limit)
         self.counted = counted
 
@@ -69,25 +72,25 @@ class RequestQuota:
         self._own = MovingWindowRateLimiter(MemoryStorage())
         self._away_until = 0.0
 
-    async def count(self, key_id: str, per_minute: int) -> Counted:
-        """Count a request of a key. Raises OverRateError when it is one too many, which is not counted."""
+    async def count(self, owner: str, per_minute: int) -> Counted:
+        """Count a request of a key or address. Raises OverRateError when it is one too many, which is not counted."""
         if time.monotonic() >= self._away_until:
             try:
-                return await _count(self._shared, key_id, per_minute)
+                return await _count(self._shared, owner, per_minute)
             except redis.RedisError as error:
                 log.warning("requests are counted in this process alone: %s", type(error).__name__)
                 self._away_until = time.monotonic() + AWAY_S
-        return await _count(self._own, key_id, per_minute)
+        return await _count(self._own, owner, per_minute)
 
     async def close(self) -> None:
         """Close the connections."""
         await self._pool.aclose()
 
 
-async def _count(limiter: MovingWindowRateLimiter, key_id: str, per_minute: int) -> Counted:
+async def _count(limiter: MovingWindowRateLimiter, owner: str, per_minute: int) -> Counted:
     item = RateLimitItemPerMinute(per_minute)
-    is_within = await limiter.hit(item, key_id)
-    stats = await limiter.get_window_stats(item, key_id)
+    is_within = await limiter.hit(item, owner)
+    stats = await limiter.get_window_stats(item, owner)
     counted = Counted(per_minute, stats.remaining, stats.reset_time - time.time())
     if not is_within:
         raise OverRateError(counted)
@@ -95,21 +98,21 @@ async def _count(limiter: MovingWindowRateLimiter, key_id: str, per_minute: int)
 
 
 class RenderQuota:
-    """Pictures in work, by key. For one event loop."""
+    """Pictures in work, by key or address. For one event loop."""
 
     def __init__(self) -> None:
         self._running: Counter[str] = Counter()
 
     @contextmanager
-    def one_more(self, key_id: str, most: int | None) -> Iterator[None]:
-        """Count one inside the block. Raises QuotaError when there are as many as the key may have."""
-        if most is not None and self._running[key_id] >= most:
-            told = f"This key may have {most} {'picture' if most == 1 else 'pictures'} in work at once."
+    def one_more(self, owner: str, most: int | None) -> Iterator[None]:
+        """Count one inside the block. Raises QuotaError when there are as many as there may be."""
+        if most is not None and self._running[owner] >= most:
+            told = f"You may have {most} {'picture' if most == 1 else 'pictures'} in work at once."
             raise QuotaError(told, retry_after_s=RENDER_RETRY_S, quota="concurrent_renders", limit=most)
-        self._running[key_id] += 1
+        self._running[owner] += 1
         try:
             yield
         finally:
-            self._running[key_id] -= 1
-            if not self._running[key_id]:
-                del self._running[key_id]
+            self._running[owner] -= 1
+            if not self._running[owner]:
+                del self._running[owner]

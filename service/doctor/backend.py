@@ -14,7 +14,7 @@ from typing import Any
 import httpx
 import redis
 
-from backend.queue import connect
+from backend.redis_connection import connect
 from backend.stores import open_store
 from schemas.errors import SilhouetteError
 from service.access.policy import startup_fault

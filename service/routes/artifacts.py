@@ -12,13 +12,12 @@ from starlette.types import Message, Receive, Scope, Send
 
 from backend.artifacts import read_artifact
 from backend.glb import bare_glb
-from schemas import keys
 from schemas.artifacts import DOWNLOADS, FILE_VERTEX, FILE_VERTICES, HULL_GLB, ORIGINAL_GLB
 from schemas.conventions import Array
 from schemas.errors import InvalidRequestError, NotFoundError
 from schemas.manifest import Manifest
 from service.caching import IMMUTABLE, entity_tag, not_modified
-from service.damage import check_download
+from service.damage import download_path
 from service.hulls import HullFile, Side, hull_file, require_hulls
 from service.on_hand import manifest_of
 from service.routes.documented import problems
@@ -81,10 +80,9 @@ async def artifact(
     if answer := not_modified(request, tag, IMMUTABLE):
         return answer
     try:
-        path = await to_thread.run_sync(parts.store.local_path, keys.artifact(mesh_id, name))
+        path = await to_thread.run_sync(download_path, parts.store, manifest, name)
     except NotFoundError:
         raise NotFoundError(f"This mesh has no {name}.") from None
-    await to_thread.run_sync(check_download, path, manifest, name)
     return Download(path, media_type=DOWNLOADS[name], headers={"ETag": tag, "Cache-Control": IMMUTABLE})
 
 

@@ -18,7 +18,7 @@ PROBLEMS = {
     409: "The mesh is accepted, but not processed yet",
     413: "Over the size limit",
     415: "No loader knows this format",
-    429: "The key is over its own quota; come back after Retry-After seconds",
+    429: "The key, or without keys the address, is over its own quota; come back after Retry-After seconds",
     422: "The request is wrong (`errors` names the fields), or the mesh cannot be used",
     503: "Busy, or the object store does not answer; come back after Retry-After seconds",
     507: "The store has no room",

@@ -49,7 +49,8 @@ KEEP_ALIVE_S = 10.0
 async def upload_mesh(request: Request, parts: Parts) -> Response:
     """Upload a mesh: its bytes as the body with `?name=knot.ply`, or a form with a field `file`.
 
-    The same bytes with the same options are the same mesh, so uploading again costs nothing but the transfer.
+    The same bytes with the same options are the same mesh, so uploading again costs nothing but the transfer and a comparison. A mesh that
+    failed with the code `damaged-upload` is in work again then.
     """
     with parts.store.temporary() as file:
         upload = await receive_upload(request, file, parts.upload_limits.of(caller_of(request)))
@@ -100,7 +101,7 @@ def delete_mesh(mesh_id: str, parts: Parts) -> Response:
 
 
 def _accept(parts: Services, upload: Upload, path: Path) -> tuple[MeshInfo, bool]:
-    """Make the upload durable and set its work going; whether it was new. Blocks."""
+    """Make the upload durable and set its work going; whether it was new, or mends what was damaged. Blocks."""
     mesh_id = keys.mesh_id(upload.sha256, upload.extension, upload.options)
     accepted = Accepted(
         id=mesh_id,
@@ -111,7 +112,7 @@ def _accept(parts: Services, upload: Upload, path: Path) -> tuple[MeshInfo, bool
         options=upload.options,
         created=datetime.now(UTC),
     )
-    is_new = not records.is_accepted(parts.store, mesh_id) and records.accept(parts.store, accepted, path)
+    is_new = records.accept(parts.store, accepted, path)
     try:
         parts.queue.advance(mesh_id)
     except redis.RedisError as error:  # accepted all the same: the reconciler brings it to the queue

@@ -3,7 +3,8 @@ import uuid
 import pytest
 
 from backend.local_store import LocalStore
-from backend.queue import JobQueue, connect
+from backend.queue import JobQueue
+from backend.redis_connection import connect
 from backend.s3_client import S3Place
 from backend.s3_store import S3Store
 from service.embedded import EmbeddedBackend

@@ -4,7 +4,7 @@ import pytest
 import redis
 
 from backend.counts import BUCKETS_S, count_end, count_start, queue_depths, read_counts
-from backend.queue import connect
+from backend.redis_connection import connect
 from schemas.manifest import StageRecord
 from tests.backend.accepting import accept
 

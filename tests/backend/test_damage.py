@@ -12,7 +12,7 @@ from backend.local_store import LocalStore
 from schemas import artifacts, keys
 from schemas.errors import CancelledError, CorruptArtifactError, DamagedArtifactError
 from schemas.jobs import STAGES
-from schemas.manifest import StageRecord
+from schemas.manifest import Manifest, StageRecord
 from tests.backend.accepting import accept
 
 SEQUENCE = {
@@ -42,7 +42,7 @@ def ready(store):
         if stage == "hull":
             files[artifacts.HULL_SEQUENCE.file] = write_artifact(store, mesh_id, artifacts.HULL_SEQUENCE, SEQUENCE, "hull")
         records.write_stage(store, mesh_id, StageRecord(stage=stage, outcome="done", seconds=0.1, artifacts=files))
-    store.put_bytes(keys.manifest(mesh_id), b"{}")
+    assert records.write_manifest(store, Manifest(id=mesh_id, status="ready"))
     return mesh_id
 
 

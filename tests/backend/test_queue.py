@@ -9,7 +9,9 @@ from rq.job import Job, JobStatus
 from rq.serializers import JSONSerializer
 
 from backend import records
-from backend.queue import JobQueue, _started, connect
+from backend.queue import JobQueue
+from backend.redis_connection import connect
+from backend.stage_jobs import started_registry
 from schemas import keys
 from schemas.jobs import RUN_STAGE, STAGES
 from schemas.mesh import Problem
@@ -182,7 +184,7 @@ def test_a_job_in_a_workers_hands_is_left_alone(store, queue):
     queue.reconcile()
     assert waiting(queue) == []
     queue.redis.delete(queue.queue.intermediate_queue_key)
-    queue.redis.zadd(_started(queue.queue).key, {f"{mesh_id}-load:execution": 1e12})
+    queue.redis.zadd(started_registry(queue.queue).key, {f"{mesh_id}-load:execution": 1e12})
     queue.reconcile()
     assert waiting(queue) == []
 
@@ -266,19 +268,19 @@ def begin(queue, mesh_id, stage):
     job = fetch(queue, mesh_id, stage)
     job.set_status(JobStatus.STARTED)
     queue.redis.lrem(queue.queue.intermediate_queue_key, 0, job.id)
-    queue.redis.zadd(_started(queue.queue).key, {f"{job.id}:execution": time.time() + 10})
+    queue.redis.zadd(started_registry(queue.queue).key, {f"{job.id}:execution": time.time() + 10})
 
 
 def test_the_owner_of_dead_workers_starts_their_jobs_again_at_the_cost_of_an_attempt(store, queue):
     mesh_id = accept(store)
     queue.advance(mesh_id)
     take(queue)
-    queue.restart_abandoned()
+    queue.jobs.restart_abandoned()
     assert waiting(queue) == ["load"]
     assert fetch(queue, mesh_id, "load").retries_left == 3
     take(queue)
     begin(queue, mesh_id, "load")
-    queue.restart_abandoned()
+    queue.jobs.restart_abandoned()
     assert waiting(queue) == ["load"]
     assert fetch(queue, mesh_id, "load").retries_left == 2
     queue.reconcile()
@@ -290,7 +292,7 @@ def test_jobs_stopped_on_purpose_keep_their_attempts(store, queue):
     queue.advance(mesh_id)
     take(queue)
     begin(queue, mesh_id, "load")
-    queue.release_started()
+    queue.jobs.release_started()
     assert waiting(queue) == []
     queue.reconcile()
     assert waiting(queue) == ["load"]

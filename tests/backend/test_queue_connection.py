@@ -10,7 +10,8 @@ import pytest
 import redis
 
 from backend.local_store import LocalStore
-from backend.queue import JobQueue, connect, connection_options
+from backend.queue import JobQueue
+from backend.redis_connection import connect, connection_options
 from backend.settings import BackendSettings
 from schemas.jobs import WORKER_MODULE
 from service.access.quotas import RequestQuota

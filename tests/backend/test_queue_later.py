@@ -8,7 +8,9 @@ from rq.job import Job, JobStatus
 from rq.serializers import JSONSerializer
 
 from backend import records
-from backend.queue import JobQueue, StageQueue, _started, connect
+from backend.queue import JobQueue
+from backend.redis_connection import connect
+from backend.stage_jobs import StageQueue, started_registry
 from schemas import keys
 from schemas.jobs import LATER_STAGES, STAGES
 from schemas.mesh import Problem
@@ -144,12 +146,12 @@ def test_owners_of_dead_workers_put_back_later_jobs_too(store, queue):
     mesh_id = ready(store, queue)
     job = Job.fetch(f"{mesh_id}-hulls", connection=queue.redis, serializer=JSONSerializer)
     queue.redis.lmove(queue.later.key, queue.later.intermediate_queue_key)
-    queue.restart_abandoned()
+    queue.jobs.restart_abandoned()
     assert waiting(queue) == ([], ["hulls"])
-    for mend, waits in ((queue.restart_abandoned, ["hulls"]), (queue.release_started, [])):
+    for mend, waits in ((queue.jobs.restart_abandoned, ["hulls"]), (queue.jobs.release_started, [])):
         queue.redis.delete(queue.later.key)
         job.set_status(JobStatus.STARTED)
-        queue.redis.zadd(_started(queue.later).key, {f"{job.id}:execution": time.time() + 10})
+        queue.redis.zadd(started_registry(queue.later).key, {f"{job.id}:execution": time.time() + 10})
         mend()
         assert waiting(queue) == ([], waits)
     queue.reconcile()

@@ -1,5 +1,6 @@
 """Damaged files met by a running service: it says not ready, makes them again, and then answers as if nothing had been."""
 
+import hashlib
 import time
 
 import httpx
@@ -52,3 +53,21 @@ def test_a_damaged_file_is_answered_with_409_until_it_is_made_again(service, cli
     assert answer.status_code == 200 and refusals >= 1
     assert client.wait(mesh.id, timeout_s=200.0).status == "ready"
     assert (service.data_dir / "store" / "meshes" / mesh.id / name).read_bytes() == before
+
+
+def test_a_damaged_upload_is_said_and_sending_it_again_makes_the_mesh(service, client, http, tmp_path):
+    """Found when its mesh is to be read again, for what was made of it is damaged, too."""
+    source = tmp_path / "sphere.ply"
+    write_ply(str(source), *meshes.sphere(2, radius=0.77))
+    mesh = client.wait(client.upload(source, hull_faces=60, texels=64).id, timeout_s=200.0)
+    flip(service, mesh.id, artifacts.MESH.file)
+    stored = service.data_dir / "store" / "uploads" / hashlib.sha256(source.read_bytes()).hexdigest()
+    stored.write_bytes(stored.read_bytes()[:-1])
+    answer, _ = answered(http, f"/v1/meshes/{mesh.id}/silhouette.svg")
+    assert (answer.status_code, answer.json()["code"]) == (422, "damaged-upload")
+    assert client.info(mesh.id).status == "failed"
+    again = http.post("/v1/meshes", params={"name": source.name, "hull_faces": 60, "texels": 64}, content=source.read_bytes())
+    assert (again.status_code, again.json()["id"]) == (202, mesh.id)
+    assert client.wait(mesh.id, timeout_s=200.0).status == "ready"
+    assert stored.read_bytes() == source.read_bytes()
+    assert answered(http, f"/v1/meshes/{mesh.id}/silhouette.svg")[0].status_code == 200

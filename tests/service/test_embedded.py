@@ -1,6 +1,7 @@
 import contextlib
 import itertools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 import redis
 
-from backend.queue import connect
+from backend.redis_connection import connect
 from service.children import Child, Supervisor
 from service.embedded import SOCKET_PATH_BYTES, EmbeddedBackend, StartupError
 
@@ -112,6 +113,19 @@ def test_a_killed_server_is_started_again_with_its_data(backend):
     connection.set("kept", "yes")
     os.kill(backend.pids()["valkey"], signal.SIGKILL)
     assert wait_until(lambda: connection.get("kept")) == b"yes"
+
+
+def test_a_killed_server_whose_folder_is_gone_is_started_again_empty(backend):
+    connection = connect(backend.redis_url)
+    connection.set("lost", "yes")
+    for _ in range(2):
+        server = backend.pids()["valkey"]
+        shutil.rmtree(backend.data_dir / "redis")
+        os.kill(server, signal.SIGKILL)
+        wait_until(lambda server=server: backend.pids().get("valkey", server) != server)
+        wait_until(connection.ping)
+        assert connection.get("lost") is None
+    assert not (backend.data_dir / "redis.unreadable").exists()
 
 
 def append_only_file(backend):

@@ -8,7 +8,7 @@ from backend import records
 from backend.local_store import LocalStore
 from backend.manifests import build_manifest
 from backend.progress import Progress
-from backend.queue import connect
+from backend.redis_connection import connect
 from schemas import keys
 from schemas.errors import NotFoundError, NotReadyError
 from schemas.jobs import LATER_STAGES, STAGES
@@ -134,6 +134,7 @@ def test_nothing_is_read_of_a_settled_mesh_twice(store, progress, measure, monke
     mesh_id = settled(store) if measure else ready(store)
     meshes = Meshes(store, progress, measure=measure)
     first = meshes.drawable(mesh_id)
+    meshes.info(mesh_id)
     monkeypatch.setattr(store, "get_bytes", lambda key: pytest.fail(f"{key} is read"))
     assert meshes.drawable(mesh_id) is first
     assert meshes.info(mesh_id).status == "ready"
@@ -221,3 +222,13 @@ def test_what_this_service_deletes_is_gone_at_once(store, meshes, monkeypatch):
     meshes.forget(mesh_id)
     with pytest.raises(NotFoundError):
         meshes.drawable(mesh_id)
+
+
+def test_a_torn_acceptance_is_said_hides_no_other_mesh_and_stops_no_picture(store, meshes):
+    torn, other = settled(store, b"torn"), settled(store, b"other")
+    store.put_bytes(keys.accepted(torn), b"{")
+    with pytest.raises(FailedMeshError) as caught:
+        meshes.info(torn)
+    assert caught.value.problem.model_extra["code"] == "damaged-upload"
+    assert [mesh.id for mesh in meshes.page(10, None).meshes] == [other]
+    assert meshes.drawable(torn).status == "ready"

@@ -1,7 +1,11 @@
 """A service of this machine without keys: open as it always was, but not to other sites' pages."""
 
+import time
+
 import httpx
 import pytest
+
+from client.local import LocalService
 
 
 @pytest.fixture(scope="module")
@@ -41,3 +45,60 @@ def test_another_sites_page_cannot_make_a_browser_upload_or_delete(http, knot):
 def test_a_signature_that_does_not_fit_is_refused_here_too(http, knot):
     answer = http.get(f"/v1/meshes/{knot.id}/thumbnail.png?size=32&exp=99999999999&kid={'0' * 16}&sig=x")
     assert answer.status_code == 403
+
+
+A_MINUTE = 20
+
+
+@pytest.fixture(scope="module")
+def limited(tmp_path_factory):
+    """A service without keys that limits addresses, and believes the proxy on this machine."""
+    environment = {"SILHOUETTE_ADDRESS_REQUESTS_PER_MINUTE": str(A_MINUTE), "SILHOUETTE_ADDRESS_CONCURRENT_RENDERS": "1"}
+    with LocalService(tmp_path_factory.mktemp("limited"), environment, ("--workers", "0")) as running:
+        with httpx.Client(base_url=running.url, timeout=60.0) as connection:
+            yield connection
+        assert running.stop() == 0, running.last_words()
+
+
+def of(address):
+    return {"X-Forwarded-For": address}
+
+
+def test_an_address_has_its_requests_a_minute_and_takes_none_from_others(limited):
+    answers = [limited.get("/v1/meshes", headers=of("192.0.2.1")) for _ in range(A_MINUTE + 1)]
+    assert [answer.status_code for answer in answers] == [200] * A_MINUTE + [429]
+    assert [int(answer.headers["ratelimit-remaining"]) for answer in answers] == [*range(A_MINUTE - 1, -1, -1), 0]
+    assert int(answers[-1].headers["retry-after"]) >= 1
+    assert {name: answers[-1].json()[name] for name in ("quota", "limit")} == {"quota": "requests_per_minute", "limit": A_MINUTE}
+    assert limited.get("/v1/meshes", headers=of("192.0.2.2")).status_code == 200
+    assert limited.get("/healthz", headers=of("192.0.2.1")).status_code == 200, "who watches the process is not counted"
+
+
+def test_addresses_of_one_ipv6_network_are_one(limited):
+    answers = [limited.get("/v1/meshes", headers=of(f"2001:db8::{number}")).status_code for number in range(A_MINUTE + 1)]
+    assert answers == [200] * A_MINUTE + [429]
+    assert limited.get("/v1/meshes", headers=of("2001:db8:0:1::1")).status_code == 200
+
+
+class LeavingError(Exception):
+    """The client's own."""
+
+
+def test_an_address_has_its_pictures_in_work_at_once(limited):
+    """The first picture is one of a mesh whose bytes are still on their way."""
+
+    def slowly():
+        yield b"ply"
+        tries = 1
+        while (answer := asked("192.0.2.3")).status_code != 429 and tries < A_MINUTE // 2:  # the service may not have seen it yet
+            tries += 1
+            time.sleep(0.5)
+        assert answer.json()["quota"] == "concurrent_renders"
+        assert asked("192.0.2.4").status_code == 415
+        raise LeavingError
+
+    def asked(address):
+        return limited.post("/v1/render?name=a.blend", content=b"no mesh", headers=of(address))
+
+    with pytest.raises(LeavingError):
+        limited.post("/v1/render?name=a.ply", content=slowly(), headers=of("192.0.2.3"))

@@ -11,7 +11,8 @@ from PIL import Image
 from backend import records
 from backend.local_store import LocalStore
 from backend.manifests import NOT_ENDED, build_manifest
-from backend.queue import JobQueue, connect
+from backend.queue import JobQueue
+from backend.redis_connection import connect
 from client import Client
 from client.local import LocalService
 from client.shapes import write_ply

@@ -68,6 +68,43 @@ def test_a_flipped_byte_in_any_file_of_a_mesh_is_made_good_by_its_stage_alone(qu
     assert queue.rebuild(mesh_id) == []
 
 
+def test_a_damaged_upload_fails_its_mesh_before_it_is_read_and_sending_it_again_makes_the_mesh(queue):
+    data = trimesh.Trimesh(*bumpy_sphere(2), process=False).export(file_type="ply")
+    options = {"name": "b.ply", "hull_faces": 60, "texels": 64}
+    mesh_id = accept(queue.store, data, **options)
+    key = keys.upload(records.read_accepted(queue.store, mesh_id).upload_sha256)
+    queue.store.put_bytes(key, data[:-1] + bytes([data[-1] ^ 1]))
+    assert run_and_record(queue, mesh_id, "load").outcome == "failed"
+    queue.advance(mesh_id)
+    manifest = records.read_manifest(queue.store, mesh_id)
+    assert (manifest.status, manifest.error.status, manifest.error.model_extra["code"]) == ("failed", 422, "damaged-upload")
+    assert "send the same file" in manifest.error.detail
+    made_by_all_stages(queue, accept(queue.store, data, **options))
+
+
+@pytest.mark.parametrize("stage", ["load", "hull"])
+def test_a_torn_acceptance_fails_its_mesh_and_sending_the_upload_again_goes_on(queue, stage):
+    data = trimesh.Trimesh(*bumpy_sphere(2, seed=5 + list(STAGES).index(stage)), process=False).export(file_type="ply")
+    options = {"name": "c.ply", "hull_faces": 60, "texels": 64}
+    mesh_id = accept(queue.store, data, **options)
+    if stage == "hull":
+        run_and_record(queue, mesh_id, "load")
+    queue.store.put_bytes(keys.accepted(mesh_id), b'{"id":"')
+    assert run_and_record(queue, mesh_id, stage).error.model_extra["code"] == "damaged-upload"
+    queue.reconcile()
+    assert records.read_manifest(queue.store, mesh_id).status == "failed"
+    made_by_all_stages(queue, accept(queue.store, data, **options))
+
+
+def made_by_all_stages(queue, mesh_id):
+    assert records.read_manifest(queue.store, mesh_id) is None
+    for stage in STAGES:
+        if records.read_stage(queue.store, mesh_id, stage) is None:
+            assert run_and_record(queue, mesh_id, stage).outcome == "done"
+    queue.advance(mesh_id)
+    assert records.read_manifest(queue.store, mesh_id).status == "ready"
+
+
 def test_a_stage_whose_input_is_damaged_does_not_fail_the_mesh_but_has_the_input_made_again(queue, mesh_id, monkeypatch):
     monkeypatch.setenv("SILHOUETTE_DATA_DIR", str(queue.store.root.parent))
     connection = queue.redis.connection_pool.connection_kwargs

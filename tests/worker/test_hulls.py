@@ -7,7 +7,8 @@ from backend import records
 from backend.artifacts import open_artifact
 from backend.local_store import LocalStore
 from backend.manifests import build_manifest
-from backend.queue import JobQueue, connect
+from backend.queue import JobQueue
+from backend.redis_connection import connect
 from geometry.topology import signed_volume
 from schemas import artifacts, keys
 from schemas.jobs import STAGES

@@ -7,19 +7,17 @@ import time
 import pytest
 
 from backend import records
-from backend.queue import JobQueue, _started_entries
-from backend.settings import BackendSettings
+from backend.stage_jobs import started_entries
 from schemas import jobs as names
 from schemas import keys
 from schemas.jobs import LATER_STAGES, STAGES
-from service.embedded import EmbeddedBackend
 from tests.backend.accepting import accept
 from tests.meshes import sphere
+from tests.worker.forks import forked_workers, private_queue
 from tests.worker.measuring import STEPS
 from tests.worker.test_jobs import SMALL, files_of, left_of, opened_box, ply, wait_for
 from worker import jobs as stage_jobs
-from worker.process import LOWEST_PRIORITY, StageWorker
-from worker.settings import WorkerSettings
+from worker.process import LOWEST_PRIORITY
 from worker.warm import warm_kernels
 
 
@@ -32,37 +30,15 @@ def compiled():
 @pytest.fixture
 def queue(tmp_path, monkeypatch):
     """The queue of a private server without workers, with settings for those that are forked, and their measurement."""
-    backend = EmbeddedBackend(tmp_path, 0)
-    backend.start()
-    settings = {"DATA_DIR": tmp_path, "REDIS_URL": backend.redis_url, "MEASURE": "true", "RECONCILE_INTERVAL_S": "0.5", "STAGE_ATTEMPTS": 2}
-    for name, value in settings.items():
-        monkeypatch.setenv(f"SILHOUETTE_{name}", str(value))
-    monkeypatch.setattr(names, "MEASURE", "tests.worker.measuring.measure_mesh")
-    yield JobQueue.open(BackendSettings())
-    backend.stop()
+    with private_queue(tmp_path, monkeypatch, STAGE_ATTEMPTS=2) as queue:
+        yield queue
 
 
 @pytest.fixture
 def workers(queue):
-    """Starts worker processes: forks of this one, since they are to call the tests' measurement."""
-    pids = []
-
-    def start(count):
-        for _ in range(count):
-            pid = os.fork()
-            if pid == 0:
-                try:
-                    settings = WorkerSettings()
-                    StageWorker(JobQueue.open(settings), settings).work(logging_level="ERROR")
-                finally:
-                    os._exit(0)
-            pids.append(pid)
-        return pids[-count:]
-
-    yield start
-    for pid in pids:
-        os.kill(pid, signal.SIGKILL)
-        os.waitpid(pid, 0)
+    """Starts worker processes."""
+    with forked_workers() as start:
+        yield start
 
 
 def upload(queue, mesh, **options):
@@ -88,7 +64,7 @@ def test_a_ready_mesh_is_measured_by_a_process_of_lowest_priority(queue, workers
     manifest = records.read_manifest(queue.store, mesh_id)
     assert manifest.status == "ready"
     assert [r.stage for r in manifest.stages] == list(STAGES)
-    assert not queue.store.exists(keys.partial(mesh_id, "measure"))
+    wait_for(lambda: not queue.store.exists(keys.partial(mesh_id, "measure")))
     wait_for(lambda: not queue.progress.read(mesh_id))
 
 
@@ -153,7 +129,7 @@ def test_deleting_during_a_later_stage_leaves_nothing(queue, workers, stage):
     mesh_id = upload(queue, ply(sphere(3)))
     wait_for(lambda: stage in queue.progress.read(mesh_id), 240.0)
     assert queue.cancel(mesh_id)
-    wait_for(lambda: not any(map(_started_entries, (queue.queue, queue.later))))
+    wait_for(lambda: not any(map(started_entries, (queue.queue, queue.later))))
     assert list(queue.store.list()) == []
     assert left_of(queue, mesh_id) == []
 

@@ -5,15 +5,8 @@ import signal
 import time
 from pathlib import Path
 
+from tests.worker.forks import lives
 from worker.process import Asides
-
-
-def lives(pid):
-    """Whether there is such a process that has not ended; an init may be slow to reap."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 def ended(asides, seconds=20.0):
