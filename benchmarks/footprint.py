@@ -27,7 +27,7 @@ from typing import Any
 import httpx
 
 from backend.counts import read_counts
-from backend.queue import connect
+from backend.redis_connection import connect
 from benchmarks.counting_proxy import LIST, CountingProxy
 from benchmarks.models import mesh_file
 from benchmarks.report import markdown_table, mesh_parser, number, report
