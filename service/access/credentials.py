@@ -23,11 +23,14 @@ def token_of(headers: Headers) -> str | None:
     return headers.get("x-api-key")
 
 
-def challenge(headers: Headers) -> str:
-    """`WWW-Authenticate` for a request that needs a key. Only a browser on our own pages is told of a password, for which it asks."""
+def challenges(headers: Headers) -> list[str]:
+    """Each a `WWW-Authenticate` of its own, for a request that needs a key. Only a browser on our own pages is told of a password.
+
+    It asks for one then. Chromium reads one challenge of a header, its first.
+    """
     bearer = f'Bearer realm="{REALM}"'
     is_own_page = headers.get("sec-fetch-site") in ("none", "same-origin") or "text/html" in headers.get("accept", "")
-    return f'{bearer}, Basic realm="{REALM}", charset="UTF-8"' if is_own_page else bearer
+    return [bearer, f'Basic realm="{REALM}", charset="UTF-8"'] if is_own_page else [bearer]
 
 
 def is_foreign_write(method: str, headers: Headers, allowed_origins: Collection[str]) -> bool:

@@ -15,7 +15,7 @@ from schemas.errors import ForbiddenError, SilhouetteError, UnauthorizedError
 from service.access import signing
 from service.access.addresses import address_of
 from service.access.caller import Caller, set_caller, tightest
-from service.access.credentials import NO_KEY, challenge, is_foreign_write, token_of
+from service.access.credentials import NO_KEY, challenges, is_foreign_write, token_of
 from service.access.policy import Access
 from service.access.quotas import OverRateError
 from service.access.scopes import OPEN, is_picture, scope_of
@@ -117,7 +117,8 @@ async def _refuse(error: SilhouetteError, headers: dict[str, str], scope: Scope,
     response = error_response(error)
     response.headers.update(headers)
     if isinstance(error, UnauthorizedError):
-        response.headers["WWW-Authenticate"] = challenge(asked)
+        for challenge in challenges(asked):
+            response.headers.append("WWW-Authenticate", challenge)
     if "expect" not in asked:  # a client that asks before it sends has sent nothing yet
         await drain(receive)
     await response(scope, receive, send)

@@ -211,7 +211,8 @@ function tell(headers, elapsed) {
     length.style.width = `${Math.min(100, ms / most * 100)}%`;
     return element("div", { className }, element("span", { textContent: name }), className ? element("span") : length, element("span", { textContent: `${ms.toFixed(2)} ms` }));
   };
-  at("timing").replaceChildren(...passes.map((pass) => bar(pass)), bar(["in all", total], "total"), bar(["round trip", elapsed], "trip"));
+  const drawn = passes.length ? bar(["in all", total], "total") : element("p", { textContent: "Drawn before, and kept." });
+  at("timing").replaceChildren(...passes.map((pass) => bar(pass)), drawn, bar(["round trip", elapsed], "trip"));
   at("accuracy").textContent = `${headers.get("X-Accuracy") ?? ""} · ${headers.get("X-Plan") ?? ""}`;
 }
 

@@ -19,7 +19,7 @@ from schemas import artifacts
 from schemas.access import KeyRecord, Scope
 from schemas.errors import CorruptArtifactError, ForbiddenError, InvalidRequestError, SilhouetteError
 from schemas.mesh import PreprocessOptions
-from service.access.credentials import challenge, is_foreign_write, token_of
+from service.access.credentials import challenges, is_foreign_write, token_of
 from service.access.signing import check, key_of, parse, without_signature
 from service.access.tokens import parse_token
 from service.positions import poses_in
@@ -101,7 +101,7 @@ def credentials(data: bytes) -> None:
     headers = Headers(raw=[(name.strip().lower(), value.strip()) for name, value in lines])
     token = token_of(headers)
     assert token is None or parse_token(token) is None or token.isascii()
-    challenge(headers).encode("latin-1")
+    assert all(challenge.isascii() for challenge in challenges(headers))
     is_foreign_write("POST", headers, {"https://shop.example"})
 
 

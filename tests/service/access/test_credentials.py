@@ -5,7 +5,7 @@ import base64
 import pytest
 from starlette.datastructures import Headers
 
-from service.access.credentials import challenge, is_foreign_write, token_of
+from service.access.credentials import challenges, is_foreign_write, token_of
 
 ORIGIN = "https://shop.example"
 OURS = {"host": "silhouette.example", "origin": "https://silhouette.example"}
@@ -67,5 +67,7 @@ def test_with_every_origin_allowed_a_kept_password_still_is_not():
 
 
 def test_only_a_browser_on_our_own_page_is_asked_for_a_password():
-    assert "Basic" in challenge(Headers({"sec-fetch-site": "same-origin"})) and "Basic" in challenge(Headers({"accept": "text/html,*/*"}))
-    assert "Basic" not in challenge(Headers({})) and "Basic" not in challenge(Headers({"sec-fetch-site": "cross-site"}))
+    for own in ({"sec-fetch-site": "same-origin"}, {"accept": "text/html,*/*"}):
+        assert [challenge.partition(" ")[0] for challenge in challenges(Headers(own))] == ["Bearer", "Basic"]
+    for other in ({}, {"sec-fetch-site": "cross-site"}):
+        assert [challenge.partition(" ")[0] for challenge in challenges(Headers(other))] == ["Bearer"]
