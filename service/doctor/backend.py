@@ -15,8 +15,9 @@ import httpx
 import redis
 
 from backend.redis_connection import connect
+from backend.s3_client import NO_BUCKET, REFUSED, UNAVAILABLE
 from backend.stores import open_store
-from schemas.errors import SilhouetteError
+from schemas.errors import SilhouetteError, StorageFullError
 from service.access.policy import startup_fault
 from service.doctor.finding import Finding
 from service.doctor.machine import CLOCK_S
@@ -27,6 +28,11 @@ ANSWER_S = 3.0
 LEAST_REDIS = (7, 0)
 PROBE_BYTES = 1 << 20
 SLOW_SYNC_S = 1.0
+S3_REMEDIES = {
+    NO_BUCKET: "make that bucket, or correct the name in SILHOUETTE_STORE_URL",
+    REFUSED: "correct AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or let them list, read, write and delete in that bucket",
+    UNAVAILABLE: "start that store, or correct SILHOUETTE_STORE_ENDPOINT and SILHOUETTE_STORE_REGION: docs/deploy.md",
+}
 PASSWORD = re.compile(r"(://[^:@/]*:)[^@/]*@")
 
 
@@ -99,7 +105,7 @@ def check_store(settings: ServiceSettings) -> Finding:
         store.delete(key)
         free_mib = store.free_bytes() >> 20
     except (OSError, SilhouetteError) as error:
-        return Finding(f"{where}: {error}", _store_remedy(settings))
+        return Finding(f"{where}: {error}", _store_remedy(error, settings))
     found = f"{where}: 1 MiB made durable in {took_s * 1e3:.0f} ms, {free_mib} MiB free"
     if not is_same:
         return Finding(found, "what is read is not what was written: check the disk")
@@ -110,9 +116,11 @@ def check_store(settings: ServiceSettings) -> Finding:
     return Finding(found)
 
 
-def _store_remedy(settings: ServiceSettings) -> str:
+def _store_remedy(error: OSError | SilhouetteError, settings: ServiceSettings) -> str:
     if settings.store_url is not None and settings.store_url.startswith("s3:"):
-        return "correct SILHOUETTE_STORE_URL, SILHOUETTE_STORE_ENDPOINT, SILHOUETTE_STORE_REGION or the store's keys: docs/deploy.md"
+        return S3_REMEDIES.get(str(error), S3_REMEDIES[UNAVAILABLE])
+    if isinstance(error, StorageFullError):
+        return "make room on its disk, or name another: SILHOUETTE_DATA_DIR, SILHOUETTE_STORE_URL"
     return "give the service's user a folder to write: SILHOUETTE_DATA_DIR, SILHOUETTE_STORE_URL"
 
 

@@ -1,3 +1,3 @@
-from tests.backend.conftest import connection, redis_url
+from tests.backend.conftest import connection, redis_url, s3_server
 
-__all__ = ["connection", "redis_url"]
+__all__ = ["connection", "redis_url", "s3_server"]
