@@ -58,6 +58,7 @@ class Meshes:
         self._accepted: dict[str, Accepted] = {}
         self._settled: OrderedDict[str, tuple[str, Manifest]] = OrderedDict()
         self._seen: OrderedDict[str, tuple[float, Manifest]] = OrderedDict()
+        self._forgotten = 0  # so often
         self._lock = threading.Lock()
 
     def info(self, mesh_id: str) -> MeshInfo:
@@ -80,7 +81,7 @@ class Meshes:
         """
         if (seen := self._seen_within(mesh_id, self._store.look_interval_s)) is not None:
             return seen
-        started_s = time.monotonic()
+        started_s, forgotten = time.monotonic(), self._forgotten
         self._require(mesh_id)
         manifest = self._current(mesh_id)
         if manifest is None:
@@ -91,7 +92,8 @@ class Meshes:
             )
         if manifest.status == READY:
             with self._lock:
-                _put(self._seen, mesh_id, (started_s, manifest))
+                if forgotten == self._forgotten:  # else it may be this one that was deleted since
+                    _put(self._seen, mesh_id, (started_s, manifest))
         return manifest
 
     def recent(self, mesh_id: str) -> Manifest | None:
@@ -116,6 +118,7 @@ class Meshes:
         """Drop what is kept of a mesh that is being deleted."""
         self._accepted.pop(mesh_id, None)
         with self._lock:
+            self._forgotten += 1
             self._settled.pop(mesh_id, None)
             self._seen.pop(mesh_id, None)
 

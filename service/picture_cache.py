@@ -9,6 +9,8 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
+from schemas.errors import BusyError
+
 HEADER_BYTES = 1024
 """About what a picture takes beside its body."""
 
@@ -67,15 +69,24 @@ class PictureCache:
         return self._nbytes
 
     @asynccontextmanager
-    async def alone(self, tag: str) -> AsyncIterator[KeptPicture | None]:
-        """One at a time makes the picture with this tag, which gets None; the others wait, and then find it kept and get it."""
+    async def alone(self, tag: str, limit_s: float) -> AsyncIterator[KeptPicture | None]:
+        """One at a time makes the picture with this tag, which gets None; the others wait, and then find it kept and get it.
+
+        Raises BusyError when that takes longer than `limit_s`, as where it is not kept and many ask for it.
+        """
         lock, count = self._making.get(tag, (asyncio.Lock(), 0))
         self._making[tag] = lock, count + 1
         try:
-            async with lock:
+            try:
+                await (asyncio.wait_for(lock.acquire(), limit_s) if count else lock.acquire())
+            except TimeoutError:
+                raise BusyError("The service could not answer in time; try again in a moment.") from None
+            try:
                 found = self.get(tag)
                 self.misses += found is None
                 yield found
+            finally:
+                lock.release()
         finally:
             count = self._making[tag][1] - 1
             if count:

@@ -38,6 +38,8 @@ FIRST_GUESS_SAMPLES = 512 * 512
 LEAST_FRAME_S = 0.002
 PATIENCE = 10.0
 """A frame is due after so many times as long as it is thought to take: so much longer may others make it wait that are shorter."""
+LARGEST_WAIT = 0.4
+"""But no longer than this part of the time that a picture may take."""
 MEMORY = 0.95
 """What counts of earlier frames beside the latest, for the time of a sample."""
 SAMPLES = {Antialias.MSAA: 4, Antialias.SSAA: 16}
@@ -64,6 +66,11 @@ class Drawing(Future[RenderedImage]):
         """As any future's: True when it had not begun."""
         self.stop.ask()
         return super().cancel()
+
+
+def patience_s(frame_s: float, limit_s: float) -> float:
+    """How long a frame lets shorter ones pass: by what it takes itself, and less than half of the time that it has, however large it is."""
+    return min(PATIENCE * frame_s, LARGEST_WAIT * limit_s)
 
 
 def is_small(request: RenderRequest) -> bool:
@@ -184,7 +191,7 @@ class Renderer:
         now = time.monotonic()
         job = _Job(Drawing(Stop(now + self._limit_s)), draw, samples)
         seconds, counted = self._lately
-        due = now + PATIENCE * (LEAST_FRAME_S + seconds / counted * samples)
+        due = now + patience_s(LEAST_FRAME_S + seconds / counted * samples, self._limit_s)
         with self._lock:
             if not self._open:
                 raise BusyError("the renderer is not running")

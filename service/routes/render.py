@@ -100,7 +100,7 @@ async def _picture(mesh_id: str, wanted: RenderRequest, request: Request, parts:
         return answer
     if kept := parts.pictures.get(tag):
         return _answer(kept, wanted, tag, cache_control, CACHED)
-    async with parts.pictures.alone(tag) as kept:
+    async with parts.pictures.alone(tag, parts.settings.render_timeout_s) as kept:
         if kept is not None:
             return _answer(kept, wanted, tag, cache_control, CACHED)
         picture, timing = await _drawn(manifest, wanted, request, parts)

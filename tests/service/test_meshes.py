@@ -15,7 +15,7 @@ from schemas.jobs import LATER_STAGES, STAGES
 from schemas.mesh import Problem
 from service.assets import state_of
 from service.errors import FailedMeshError
-from service.meshes import KEPT, RECENT_S, Meshes
+from service.meshes import KEPT, Meshes
 from tests.backend.accepting import LOAD_REPORT, accept, record, record_all
 
 
@@ -199,19 +199,38 @@ def test_where_looking_is_slow_a_ready_mesh_is_looked_up_now_and_then(store, mes
         meshes.drawable(mesh_id)
 
 
-def test_what_was_found_ready_a_moment_ago_needs_no_look(store, meshes):
+def test_what_was_found_ready_a_moment_ago_needs_no_look(store, meshes, monkeypatch):
+    monkeypatch.setattr("service.meshes.RECENT_S", 60.0)
     mesh_id, loading = settled(store), accept(store, b"other")
     record(store, loading, "load", report=LOAD_REPORT)
     assert meshes.recent(mesh_id) is None
     assert (meshes.drawable(loading).status, meshes.recent(loading)) == ("loaded", None)
     kept = meshes.drawable(mesh_id)
     assert meshes.recent(mesh_id) is kept
-    time.sleep(RECENT_S)
+    monkeypatch.setattr("service.meshes.RECENT_S", 0.0)
     assert meshes.recent(mesh_id) is None
+    monkeypatch.setattr("service.meshes.RECENT_S", 60.0)
     meshes.drawable(mesh_id)
     records.forget(store, mesh_id)
     meshes.forget(mesh_id)
     assert meshes.recent(mesh_id) is None
+
+
+def test_a_mesh_that_is_deleted_while_it_is_looked_up_is_gone_at_once(store, meshes, monkeypatch):
+    monkeypatch.setattr(store, "look_interval_s", 60.0)
+    mesh_id, read = settled(store), records.read_manifest
+
+    def then_is_deleted(*given):
+        found = read(*given)
+        records.forget(store, mesh_id)
+        meshes.forget(mesh_id)
+        return found
+
+    monkeypatch.setattr(records, "read_manifest", then_is_deleted)
+    meshes.drawable(mesh_id)  # who asked before the deletion may get it
+    assert meshes.recent(mesh_id) is None
+    with pytest.raises(NotFoundError):
+        meshes.drawable(mesh_id)
 
 
 def test_what_this_service_deletes_is_gone_at_once(store, meshes, monkeypatch):

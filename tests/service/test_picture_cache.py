@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
+
+from schemas.errors import BusyError
 from service.picture_cache import HEADER_BYTES, KeptPicture, PictureCache
 
 
@@ -40,7 +43,7 @@ def test_one_at_a_time_makes_a_picture_and_the_others_find_it():
     made = []
 
     async def ask(cache):
-        async with cache.alone("a"):
+        async with cache.alone("a", 60.0):
             if cache.get("a") is None:
                 await asyncio.sleep(0.01)
                 made.append(1)
@@ -55,14 +58,31 @@ def test_one_at_a_time_makes_a_picture_and_the_others_find_it():
     assert len(made) == 1
 
 
+def test_one_who_has_waited_long_enough_for_a_picture_that_another_makes_is_told_to_come_back():
+    async def ask(cache):
+        async with cache.alone("a", 0.01):
+            await asyncio.sleep(0.1)
+
+    async def both():
+        cache = PictureCache(10_000)
+        first = asyncio.ensure_future(ask(cache))
+        await asyncio.sleep(0)
+        with pytest.raises(BusyError):
+            await ask(cache)
+        await first
+        await ask(cache)  # nothing of who gave up is left
+
+    asyncio.run(both())
+
+
 def test_one_who_gives_up_leaves_it_to_the_next():
     async def fails(cache):
-        async with cache.alone("a"):
+        async with cache.alone("a", 60.0):
             await asyncio.sleep(0.01)
             raise ConnectionError
 
     async def makes(cache):
-        async with cache.alone("a"):
+        async with cache.alone("a", 60.0):
             cache.put("a", picture(1))
 
     async def both():

@@ -14,7 +14,7 @@ from service.render import renderer as renderers
 from service.render.context import EglUnavailableError
 from service.render.encode import encode
 from service.render.frame import Timed, render_frame
-from service.render.renderer import Renderer, samples_of
+from service.render.renderer import Renderer, patience_s, samples_of
 from tests.service.render.made import clippable, unclippable
 
 SMALL = RenderRequest(width=32, height=32)
@@ -213,6 +213,11 @@ def test_small_pictures_pass_large_ones_that_have_not_waited_long(held):
     release.set()
     assert all(future.result(60).pixels.any() for future in waiting)
     assert order == ["small", "middle", "large"]
+
+
+def test_no_picture_is_so_large_that_others_pass_it_until_its_time_is_up():
+    assert patience_s(0.01, 30.0) == pytest.approx(0.1)
+    assert patience_s(100.0, 30.0) < 30.0 / 2
 
 
 def test_samples_are_those_that_antialiasing_takes():
