@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,25 +34,62 @@ Under = Annotated[Fill, typer.Option("--fill", help="What lies under lines: the 
 Fps = Annotated[float, typer.Option(help="Frames a second.")]
 
 
-def turntable(  # noqa: PLR0913 - the options of a command are its language
+@dataclass(frozen=True, kw_only=True)
+class Film:
+    """What every sequence is told: where it goes, how its frames look, and which service draws it."""
+
+    output: Output
+    fps: Fps = 25.0
+    azimuth: Azimuth = 30.0
+    elevation: Elevation = 20.0
+    fov: Fov = 45.0
+    size: Size = "512"
+    background: Background = "transparent"
+    shading: Mode = ShadingMode.LAMBERT
+    lines: Method = None
+    line_width: LineWidth = 1.5
+    ridges: Ridges = False
+    fill: Under = Fill.SHADED
+    url: Url = DEFAULT_URL
+    key: Key = None
+
+    def request(self, eye: str | None = None, target: str | None = None) -> dict[str, Any]:
+        """Fields of the request. Raises ValueError for a size or place that is none."""
+        width, height = sides_of(self.size)
+        return {
+            "camera": camera_of(self.azimuth, self.elevation, eye, target, self.fov),
+            "width": width,
+            "height": height,
+            "fps": self.fps,
+            "background": self.background,
+            "shading": {"mode": self.shading, "fill": self.fill},
+            "lines": None if self.lines is None else lines_of(self.lines, self.line_width, ridges=self.ridges),
+        }
+
+
+def _with_film(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with its own options and, after them, those of a film instead of its parameter `film`."""
+    shared = inspect.signature(Film, eval_str=True).parameters
+
+    @functools.wraps(command)
+    def called(**given: Any) -> None:
+        film = Film(**{name: given.pop(name) for name in shared})
+        command(**given, film=film)
+
+    own = inspect.signature(command, eval_str=True)
+    keyword = [own.parameters[name].replace(kind=inspect.Parameter.KEYWORD_ONLY) for name in own.parameters if name != "film"]
+    called.__signature__ = own.replace(parameters=[*keyword, *shared.values()])  # type: ignore[attr-defined]
+    called.__annotations__ = {one.name: one.annotation for one in (*keyword, *shared.values())}
+    return called
+
+
+@_with_film
+def turntable(
     mesh: MeshArgument,
     *,
-    output: Output,
     frames: Annotated[int, typer.Option(min=1, help="How many.")] = 36,
     degrees: Annotated[float, typer.Option(help="How far round; below 0 the other way.")] = 360.0,
-    fps: Fps = 25.0,
-    azimuth: Azimuth = 30.0,
-    elevation: Elevation = 20.0,
-    fov: Fov = 45.0,
-    size: Size = "512",
-    background: Background = "transparent",
-    shading: Mode = ShadingMode.LAMBERT,
-    lines: Method = None,
-    line_width: LineWidth = 1.5,
-    ridges: Ridges = False,
-    fill: Under = Fill.SHADED,
-    url: Url = DEFAULT_URL,
-    key: Key = None,
+    film: Film,
 ) -> None:
     """Render a mesh turning round, as an animation or as numbered pictures.
 
@@ -56,39 +97,21 @@ def turntable(  # noqa: PLR0913 - the options of a command are its language
 
     `silhouette turntable 3f2a91 -o turn.zip --lines edge_mesh --ridges --fill white`
     """
-    fields = {
-        "camera": camera_of(azimuth, elevation, None, None, fov),
-        "turn": {"frames": frames, "degrees": degrees},
-        **_common(size, fps, background, shading, fill),
-        "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges),
-    }
-    _draw((url, key), mesh, output, fields)
+    _draw(film, mesh, film.request() | {"turn": {"frames": frames, "degrees": degrees}})
 
 
-def frames(  # noqa: PLR0913 - as above
+@_with_film
+def frames(
     mesh: MeshArgument,
     *,
-    output: Output,
     positions: Moved = None,
     file_order: Annotated[
         bool, typer.Option("--file-order", help="The positions, an .npy, are in the order of the file that was uploaded.")
     ] = False,
     turn: Annotated[float | None, typer.Option(help="Degrees that the camera turns meanwhile.")] = None,
-    fps: Fps = 25.0,
-    azimuth: Azimuth = 30.0,
-    elevation: Elevation = 20.0,
     eye: Eye = None,
     target: Target = None,
-    fov: Fov = 45.0,
-    size: Size = "512",
-    background: Background = "transparent",
-    shading: Mode = ShadingMode.LAMBERT,
-    lines: Method = None,
-    line_width: LineWidth = 1.5,
-    ridges: Ridges = False,
-    fill: Under = Fill.SHADED,
-    url: Url = DEFAULT_URL,
-    key: Key = None,
+    film: Film,
 ) -> None:
     """Render a mesh whose vertices move: the positions of all frames in one file, those of a frame after those of another.
 
@@ -100,36 +123,16 @@ def frames(  # noqa: PLR0913 - as above
     """
     if file_order and positions is None:
         raise ValueError("--file-order is about --positions")
-    fields = {
-        "camera": camera_of(azimuth, elevation, eye, target, fov),
-        "turn": None if turn is None else {"degrees": turn},
-        **_common(size, fps, background, shading, fill),
-        "lines": None if lines is None else lines_of(lines, line_width, ridges=ridges),
-    }
-    _draw((url, key), mesh, output, fields, positions, file_order=file_order)
+    fields = film.request(eye, target) | {"turn": None if turn is None else {"degrees": turn}}
+    _draw(film, mesh, fields, positions, file_order=file_order)
 
 
-def _common(size: str, fps: float, background: str, shading: ShadingMode, fill: Fill) -> dict[str, Any]:
-    """Fields that both commands fill. Raises ValueError for a size that is none."""
-    width, height = sides_of(size)
-    return {"width": width, "height": height, "fps": fps, "background": background, "shading": {"mode": shading, "fill": fill}}
-
-
-def _draw(
-    service: tuple[str, str | None],
-    mesh: str,
-    output: Path,
-    fields: dict[str, Any],
-    positions: Path | None = None,
-    *,
-    file_order: bool = False,
-) -> None:
-    """Have it drawn by a service (its address, and the key it asks for), and write it."""
-    form = by_suffix(output, SUFFIXES, SequenceFormat.WEBP)
-    url, key = service
-    with chosen(url, mesh, key) as (client, mesh_id), err.status("frames are being drawn"):
+def _draw(film: Film, mesh: str, fields: dict[str, Any], positions: Path | None = None, *, file_order: bool = False) -> None:
+    """Have it drawn, and write it."""
+    form = by_suffix(film.output, SUFFIXES, SequenceFormat.WEBP)
+    with chosen(film.url, mesh, film.key) as (client, mesh_id), err.status("frames are being drawn"):
         moved: Positions | None = positions
         if file_order and positions is not None:
             moved = client.original(mesh_id).ordered(np.load(positions, allow_pickle=False))
-        film = client.frames(mesh_id, positions=moved, format=form, **fields)
-    write(output, film.body, f"{film.frame_ms:.0f} ms, {len(film.body) / 1024:.0f} KiB: {film.plan} ({film.accuracy})")
+        drawn = client.frames(mesh_id, positions=moved, format=form, **fields)
+    write(film.output, drawn.body, f"{drawn.frame_ms:.0f} ms, {len(drawn.body) / 1024:.0f} KiB: {drawn.plan} ({drawn.accuracy})")
