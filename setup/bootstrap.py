@@ -129,7 +129,7 @@ def compile_kernels() -> None:
     for folder in KERNELS:
         for compiled in (ROOT / folder).rglob("__pycache__/*.nb[ic]"):
             compiled.unlink(missing_ok=True)
-    say("compiling the kernels, once (about a minute)")
+    say("compiling the kernels, once (some minutes)")
     modules = [subprocess.Popen([PYTHON, "-m", module], cwd=ROOT) for module in ("worker.warm", "service.warm")]
     statuses = [module.wait() for module in modules]
     if any(statuses):

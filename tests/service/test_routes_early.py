@@ -2,6 +2,7 @@
 
 import io
 import logging
+import time
 
 import httpx
 import numpy as np
@@ -18,6 +19,7 @@ from client.local import LocalService
 from client.shapes import write_ply
 from schemas.jobs import LATER_STAGES, STAGES
 from schemas.manifest import StageRecord
+from service.meshes import RECENT_S
 from tests import meshes
 from tests.ladders import small_ladder
 from tests.worker.test_jobs import opened_box
@@ -167,6 +169,7 @@ def test_later_stages_change_the_tag_and_not_the_status(http, idle, accepted):
     assert [stages[name] for name in LATER_STAGES] == ["queued", "queued"]
     for step in (lambda: work.run("hulls"), work.measure):
         step()
+        time.sleep(RECENT_S)  # so long a look at the mesh may serve
         answer = http.get(f"{url}/render.png")
         assert rung(answer).startswith("rung=clipped/coverage")
         tags.append(answer.headers["etag"])
