@@ -12,12 +12,14 @@ PIPELINE_VERSION = 3
 """Part of every mesh id: raise it when artifacts of old and new code must not mix."""
 
 MESH_ID = re.compile(r"^[0-9a-f]{32}$")
+SHA256 = re.compile(r"^[0-9a-f]{64}$")
 UPLOADS = "uploads/"
 MESHES = "meshes/"
 ACCEPTED = "accepted.json"
 MANIFEST = "manifest.json"
 """Names of a mesh's records under its folder."""
 API_KEYS = "keys/"
+UNFINISHED = "unfinished/"
 
 
 def mesh_id(upload_sha256: str, extension: str, options: PreprocessOptions) -> str:
@@ -64,7 +66,11 @@ def artifact(mesh: str, name: str) -> str:
 def manifest(mesh: str) -> str:
     """The manifest (`schemas.manifest.Manifest`), written last: ready or failed for good."""
     return f"{folder(mesh)}{MANIFEST}"
-    return f"{MESHES}{mesh}/manifest.json"
+
+
+def unfinished(mesh: str) -> str:
+    """The mark of a mesh that something is to be done for (`backend.unfinished`)."""
+    return f"{UNFINISHED}{mesh}"
 
 
 def api_key(key_id: str) -> str:

@@ -5,6 +5,7 @@ import pytest
 
 from backend import records
 from backend.artifacts import read_artifact
+from backend.audit import audit
 from backend.damage import drop_damaged
 from backend.s3_store import S3Store
 from schemas import artifacts, keys
@@ -77,7 +78,7 @@ def test_a_torn_acceptance_stops_neither_reconciling_nor_sweeping_and_keeps_ever
     store.put_bytes(keys.accepted(torn), store.get_bytes(keys.accepted(torn))[:40])
     assert queue.reconcile() == 2
     assert set(queue.queue.get_job_ids()) == {f"{torn}-load", f"{other}-load"}
-    records.sweep(store, 3600)
+    audit(store, measure=False)
     assert "unreadable acceptance record" in caplog.text
     assert store.exists(key)
 
@@ -98,7 +99,7 @@ def test_a_mesh_with_a_torn_acceptance_can_be_deleted_and_its_upload_is_swept(st
     mesh_id = accept(store, b"1")
     store.put_bytes(keys.accepted(mesh_id), b"{")
     assert records.forget(store, mesh_id)
-    records.sweep(store, 3600)
+    audit(store, measure=False)
     assert list(store.list()) == []
 
 
