@@ -22,6 +22,7 @@ import hashlib
 import logging
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
@@ -47,9 +48,6 @@ OUTLINE = frozenset({keys.ACCEPTED, keys.MANIFEST, *map(keys.stage_name, LATER_S
 DAMAGED_BYTES = "The stored upload is damaged: send the same file with the same options again."
 DAMAGED_RECORD = "The record of this upload is damaged: send the same file with the same options again."
 
-_uploads: dict[str, str] = {}
-"""Uploads of meshes by their ids, which say what they are made of: what was read once stays true."""
-
 R = TypeVar("R", bound=BaseModel)
 
 
@@ -69,6 +67,7 @@ def accept(store: Store, accepted: Accepted, upload: Path) -> bool:
                 return _mend(store, accepted)
             store.delete_prefix(keys.folder(accepted.id))  # what a deletion that was interrupted left
             unfinished.mark(store, accepted.id, accepted.upload_sha256)
+            store.put_bytes(keys.use(accepted.upload_sha256, accepted.id), b"")
             return store.put_bytes(keys.accepted(accepted.id), _json(accepted), create_only=True)
 
 
@@ -216,6 +215,7 @@ def _remove(store: Store, mesh_id: str, upload: str | None) -> bool:
         unfinished.mark(store, mesh_id, upload)
     existed = store.delete(keys.accepted(mesh_id))
     store.delete_prefix(keys.folder(mesh_id))
+    store.delete(keys.use(upload or keys.UNKNOWN_UPLOAD, mesh_id))
     if upload is not None and not is_used(store, upload):
         store.delete(keys.upload(upload))
     unfinished.unmark(store, mesh_id)
@@ -232,7 +232,9 @@ def _mend(store: Store, accepted: Accepted) -> bool:
         is_mended = False
     except DamagedUploadError:
         unfinished.mark(store, accepted.id, accepted.upload_sha256)
+        store.put_bytes(keys.use(accepted.upload_sha256, accepted.id), b"")
         is_mended = store.put_bytes(keys.accepted(accepted.id), _json(accepted))
+        store.delete(keys.use(keys.UNKNOWN_UPLOAD, accepted.id))
     ended = (read_stage(store, accepted.id, stage) for stage in STAGES)
     if failed := [record.stage for record in ended if record is not None and _is_of_damaged_upload(record)]:
         unfinished.mark(store, accepted.id, accepted.upload_sha256)
@@ -247,25 +249,20 @@ def _is_of_damaged_upload(record: StageRecord) -> bool:
 
 
 def is_used(store: Store, upload: str) -> bool:
-    """Whether an accepted mesh has this upload, or may have: one whose record cannot be read."""
-    return any(_may_have(store, mesh_id, upload) and is_accepted(store, mesh_id) for mesh_id in store.children(keys.MESHES))
+    """Whether an accepted mesh has this upload, or may have: one whose record cannot be read. The caller holds the upload."""
+    if store.exists(keys.USES_COMPLETE):
+        users = chain(store.children(keys.uses(upload)), store.children(keys.uses(keys.UNKNOWN_UPLOAD)))
+        return any(is_accepted(store, mesh_id) for mesh_id in users)
+    return any(_may_have(store, mesh_id, upload) for mesh_id in store.children(keys.MESHES))
 
 
 def _may_have(store: Store, mesh_id: str, upload: str) -> bool:
     try:
-        return upload_of(store, mesh_id) == upload
+        return read_accepted(store, mesh_id).upload_sha256 == upload
+    except NotFoundError:
+        return False
     except DamagedUploadError:
         return True
-
-
-def upload_of(store: Store, mesh_id: str) -> str | None:
-    """The sha256 of a mesh's upload; None when there was no such mesh. Raises DamagedUploadError."""
-    if mesh_id not in _uploads:
-        try:
-            _uploads[mesh_id] = read_accepted(store, mesh_id).upload_sha256
-        except NotFoundError:
-            return None
-    return _uploads[mesh_id]
 
 
 def _json(record: BaseModel) -> bytes:

@@ -20,6 +20,11 @@ MANIFEST = "manifest.json"
 """Names of a mesh's records under its folder."""
 API_KEYS = "keys/"
 UNFINISHED = "unfinished/"
+USES = "uses/"
+UNKNOWN_UPLOAD = "unknown"
+"""In the place of an upload's sha256: of a mesh whose acceptance cannot be read."""
+USES_COMPLETE = "indexed/uses"
+"""There when every accepted mesh has a use: in a store of an earlier version none has, until all of it has been gone through."""
 
 
 def mesh_id(upload_sha256: str, extension: str, options: PreprocessOptions) -> str:
@@ -71,6 +76,16 @@ def manifest(mesh: str) -> str:
 def unfinished(mesh: str) -> str:
     """The mark of a mesh that something is to be done for (`backend.unfinished`)."""
     return f"{UNFINISHED}{mesh}"
+
+
+def uses(upload_sha256: str) -> str:
+    """The prefix of the uses of an upload; the names under it are ids of meshes."""
+    return f"{USES}{upload_sha256}/"
+
+
+def use(upload_sha256: str, mesh: str) -> str:
+    """Says that a mesh is made of an upload; written before its acceptance."""
+    return f"{uses(upload_sha256)}{mesh}"
 
 
 def api_key(key_id: str) -> str:

@@ -308,12 +308,11 @@ def test_two_never_reconcile_at_once_however_long_it_takes(store, queue, redis_u
 
 
 def test_everything_is_gone_through_once_in_a_while_by_one(store, queue):
-    store.put_bytes(keys.upload("f" * 64), b"accepted never")
-    queue.audit_in_turn(3600.0, 3600.0)
-    assert list(store.list()) == []
-    store.put_bytes(keys.upload("f" * 64), b"accepted never")
-    queue.audit_in_turn(3600.0, 3600.0)
-    assert list(store.list()) == [keys.upload("f" * 64)]
+    never = keys.upload("f" * 64)
+    for expected in (False, True):
+        store.put_bytes(never, b"accepted never")
+        queue.audit_in_turn(3600.0, 3600.0)
+        assert store.exists(never) == expected
     queue.redis.flushall()
     queue.audit_in_turn(3600.0, 3600.0)
-    assert list(store.list()) == [], "a Redis that lost its data forgets the turn, too"
+    assert not store.exists(never), "a Redis that lost its data forgets the turn, too"

@@ -96,6 +96,7 @@ def test_sweeping_removes_what_an_interrupted_deletion_or_acceptance_left(store)
     store.put_bytes(keys.upload("f" * 64), b"accepted never")
     store.put_bytes(keys.artifact("e" * 32, "hull.glb"), b"deleted half")
     audit(store, measure=False)
+    store.delete(keys.USES_COMPLETE)
     assert everything(store) == before
 
 
@@ -107,4 +108,9 @@ def test_a_mesh_accepted_after_an_interrupted_deletion_keeps_nothing_of_what_tha
     store.delete(keys.accepted(mesh_id))  # a deletion that was killed after its first steps
     store.delete(keys.artifact(mesh_id, "mesh.st"))
     assert accept(store) == mesh_id
-    assert everything(store) == [keys.accepted(mesh_id), keys.unfinished(mesh_id), keys.upload(upload)]
+    assert everything(store) == [
+        keys.accepted(mesh_id),
+        keys.unfinished(mesh_id),
+        keys.upload(upload),
+        keys.use(upload, mesh_id),
+    ]
