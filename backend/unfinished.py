@@ -4,12 +4,12 @@ So nobody goes through all meshes to find those in work: `JobQueue.reconcile` li
 costs a look; what must not be is an unfinished mesh without one. So a mark is put before what it stands for, and removed after it is
 done, both by who holds the mesh. A process that dies between two writes leaves:
 
-accept   upload | mark | acceptance              an upload that `audit` sweeps | a mark without an acceptance: `remove_abandoned` removes
-                                                 both | a mesh in work, that `reconcile` enqueues
+accept   upload | mark | use | acceptance        an upload that `audit` removes | a mark without an acceptance, twice: `remove_abandoned`
+                                                 removes all three | a mesh in work, that `reconcile` enqueues
 work     ... last record | manifest | no mark    a mesh in work; of one that has ended `reconcile` removes the mark
-damage   mark | no manifest | no stage records   a mesh in work again, from the first of these on
-forget   mark | no acceptance | no files | no    an accepted mesh, whose mark `reconcile` removes if it has ended | a mark without an
-         upload | no mark                        acceptance: `remove_abandoned` does the rest
+damage   mark | no manifest | no stage records   a mesh in work again, from the second of these on
+forget   mark | no acceptance | no files |       an accepted mesh, whose mark `reconcile` removes if it has ended | a mark without an
+         no use | no upload | no mark            acceptance: `remove_abandoned` does the rest
 
 `audit` puts marks that are missing: those of meshes that an earlier version accepted, and those that were lost. Lost is one, too, when a
 process is stopped on another machine until its lock is somebody else's, and then writes one thing more (`backend.records`).
