@@ -16,6 +16,8 @@ log = logging.getLogger(__name__)
 HELD_S = 30.0
 """A turn that nobody has renewed for so long is free: its holder is dead."""
 RENEW_S = 10.0
+FAILED_S = 60.0
+"""What failed may be tried again so soon."""
 
 
 class Turn:
@@ -35,16 +37,18 @@ class Turn:
 
     @contextmanager
     def held(self, pause_s: float) -> Iterator[None]:
-        """Hold the turn as long as the block takes; then nobody has it for `pause_s` seconds."""
+        """Hold the turn as long as the block takes; then nobody has it for `pause_s` seconds, or FAILED_S at most if it raises."""
         ended = threading.Event()
         renewing = threading.Thread(target=self._renew, args=(ended,), name="turn", daemon=True)
         renewing.start()
+        left_s = min(pause_s, FAILED_S)
         try:
             yield
+            left_s = pause_s
         finally:
             ended.set()
             renewing.join()
-            self._extend(pause_s)
+            self._extend(left_s)
 
     def _renew(self, ended: threading.Event) -> None:
         while not ended.wait(RENEW_S):
