@@ -6,7 +6,7 @@ import hashlib
 import logging
 from pathlib import Path
 
-from backend import records
+from backend import records, unfinished
 from backend.artifacts import open_artifact, read_header
 from backend.store import Store
 from schemas import keys
@@ -26,16 +26,18 @@ def drop_damaged(store: Store, mesh_id: str) -> list[str]:
     The files of all stages are read. What other stages made of the sound files stays: a stage writes the same bytes whenever it runs.
     `verify` runs again with any other, and the manifest goes first, so that whoever dies half-way leaves a mesh that is in work. A damaged
     manifest goes, too: it is made of the records.
-    Raises CancelledError when the mesh has been deleted.
+    Raises CancelledError when the mesh has been deleted, StorageFullError when there is no room to mark it; then it stays as it is.
     """
     with records.publishing(store, mesh_id):
         records.drop_damaged_manifest(store, mesh_id)
         ended = (records.read_stage(store, mesh_id, stage) for stage in (*STAGES, *LATER_STAGES))
         damaged = [record.stage for record in ended if record is not None and not is_sound(store, mesh_id, record)]
+        if damaged:
+            unfinished.mark(store, mesh_id)
         if any(stage in STAGES for stage in damaged):
             store.delete(keys.manifest(mesh_id))
             damaged.append("verify")
-        elif damaged:  # the same manifest anew: who has settled this mesh by the manifest's version looks again
+        elif damaged:  # the same manifest anew: who keeps what is known of the mesh by the manifest's version looks again
             store.put_bytes(keys.manifest(mesh_id), store.get_bytes(keys.manifest(mesh_id)))
         for stage in damaged:
             store.delete(keys.stage_record(mesh_id, stage))

@@ -1,8 +1,8 @@
 """The job queue: RQ on Redis, filled from the store.
 
-The store says what is to be done: a stage is due when the stages before it have a record and it has none. Redis only carries
-that to the workers (`backend.stage_jobs`), so any loss of it is made good by `reconcile`. Enqueueing twice is nothing; running twice
-writes the same bytes.
+The store says what is to be done: a stage is due when the stages before it have a record and it has none, and what has stages to go
+is marked there (`backend.unfinished`). Redis only carries that to the workers (`backend.stage_jobs`), so any loss of it is made good by
+`reconcile`. Enqueueing twice is nothing; running twice writes the same bytes.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import redis
 from rq.serializers import JSONSerializer
 
-from backend import records
+from backend import once, records, unfinished
+from backend.audit import audit
 from backend.damage import drop_damaged
 from backend.manifests import build_manifest, failed_record
 from backend.problems import BROKEN, problem_of
@@ -27,14 +28,18 @@ from backend.stage_jobs import RESULT_S, JobState, StageJobs, StageQueue
 from backend.store import Store
 from backend.stores import open_store
 from backend.tracing import carried
+from backend.turns import Turn
 from schemas import keys
-from schemas.errors import CancelledError, DamagedArtifactError, SilhouetteError
+from schemas.errors import CancelledError, DamagedArtifactError, SilhouetteError, StorageFullError
 from schemas.jobs import LATER_STAGES, ONCE_QUEUE, READ_MESH, STAGES
 from schemas.manifest import StageRecord
 
 log = logging.getLogger(__name__)
 
-RECONCILE_LOCK = "silhouette:reconciling"
+RECONCILE_TURN = "silhouette:reconciling"
+AUDIT_TURN = "silhouette:auditing"
+MEASURED_AUDIT_TURN = "silhouette:auditing-measured"
+"""Of processes with `measure`: where that is turned on, meshes that were at their end are found at once."""
 
 
 class JobQueue:
@@ -61,7 +66,6 @@ class JobQueue:
         self.jobs = StageJobs(connection, stage_timeout_s=stage_timeout_s, attempts=attempts, job_record_s=job_record_s)
         self.queue, self.later = self.jobs.queue, self.jobs.later
         self.once = StageQueue(ONCE_QUEUE, connection=connection, serializer=JSONSerializer)
-        self._settled: dict[str, str] = {}
 
     @classmethod
     def open(cls, settings: BackendSettings) -> JobQueue:
@@ -77,42 +81,66 @@ class JobQueue:
             job_record_s=settings.job_record_s,
         )
 
-    def advance(self, mesh_id: str) -> None:
+    def advance(self, mesh_id: str) -> bool:
         """Bring a mesh forward from what the store says: enqueue the stages that are due, or end it with its manifest.
 
-        A mesh that is ready goes on with the later stages where `measure` is on. Does nothing for a mesh that is deleted or failed.
-        Raises redis.RedisError, StorageFullError.
+        A mesh that is ready goes on with the later stages where `measure` is on. Whether there was anything to wait for: not for a mesh
+        that is deleted, failed or at its end, whose mark is taken away.
+        Raises redis.RedisError, StorageFullError, DamagedArtifactError.
         """
         if not records.is_accepted(self.store, mesh_id):
-            return
-        if self.store.exists(keys.manifest(mesh_id)):
-            self._advance_later(mesh_id)
-            return
-        done = {stage: records.read_stage(self.store, mesh_id, stage) for stage in STAGES}
-        if _ended(done):
+            return False
+        if not self.store.exists(keys.manifest(mesh_id)):
+            done = {stage: records.read_stage(self.store, mesh_id, stage) for stage in STAGES}
+            if not _ended(done):
+                self._enqueue_due(mesh_id, STAGES, done)
+                return True
             self._finish(mesh_id)
-            return
-        self._enqueue_due(mesh_id, STAGES, done)
+        if self.measure and self._advance_later(mesh_id):
+            return True
+        records.settle(self.store, mesh_id, LATER_STAGES if self.measure else ())
+        return False
 
     def reconcile(self) -> int:
-        """Advance every accepted mesh that has stages to go; how many there are. Run at start and every few seconds."""
+        """Advance every marked mesh; how many have stages to go. What was left without an acceptance is removed.
+
+        Run at start and every few seconds. Raises redis.RedisError.
+        """
         count = 0
-        for mesh_id in self._unsettled():
-            count += 1
+        for mesh_id, age_s in unfinished.marked(self.store):
             try:
-                self._advance_or_rebuild(mesh_id)
+                if self._advance_or_rebuild(mesh_id):
+                    count += 1
+                elif age_s > unfinished.ABANDONED_S and not records.is_accepted(self.store, mesh_id):
+                    records.remove_abandoned(self.store, mesh_id)
             except SilhouetteError:  # one mesh must not keep the others waiting
                 log.exception("mesh cannot be advanced", extra={"mesh": mesh_id})
         return count
 
-    def reconcile_in_turn(self, interval_s: float) -> None:
-        """`reconcile`, unless some process has done so within the last `interval_s`."""
-        if self.has_turn(interval_s):
-            self.reconcile()
+    def audit(self, temporary_age_s: float) -> None:
+        """Go through everything in the store, for what no mark says (`backend.audit`), meshes that are not kept among it."""
+        audit(self.store, measure=self.measure)
+        once.sweep(once.store_of(self.store), temporary_age_s)
 
-    def has_turn(self, interval_s: float) -> bool:
-        """Whether nobody has had the turn to reconcile within the last `interval_s`; it is the caller's then. Raises redis.RedisError."""
-        return bool(self.redis.set(RECONCILE_LOCK, 1, nx=True, px=max(1, int(interval_s * 1000))))
+    def reconcile_in_turn(self, interval_s: float) -> None:
+        """`reconcile`, unless some process does so or has done so within the last `interval_s`. Raises redis.RedisError."""
+        if (turn := self.turn_to_reconcile()) is not None:
+            with turn.held(interval_s):
+                self.reconcile()
+
+    def audit_in_turn(self, interval_s: float, temporary_age_s: float) -> None:
+        """`audit`, likewise."""
+        if (turn := self.turn_to_audit()) is not None:
+            with turn.held(interval_s):
+                self.audit(temporary_age_s)
+
+    def turn_to_reconcile(self) -> Turn | None:
+        """The turn to `reconcile`, unless another process has it. Raises redis.RedisError."""
+        return Turn.take(self.redis, RECONCILE_TURN)
+
+    def turn_to_audit(self) -> Turn | None:
+        """The turn to `audit`, likewise."""
+        return Turn.take(self.redis, MEASURED_AUDIT_TURN if self.measure else AUDIT_TURN)
 
     def cancel(self, mesh_id: str) -> bool:
         """Delete a mesh: its acceptance, files and waiting jobs. False when there was no such mesh.
@@ -130,10 +158,15 @@ class JobQueue:
         return existed
 
     def rebuild(self, mesh_id: str) -> list[str]:
-        """Run the stages of a mesh again whose files are damaged; their names. Nothing of a mesh that is deleted or sound."""
+        """Run the stages of a mesh again whose files are damaged; their names. Nothing of a mesh that is deleted or sound, nor while
+        the store is full: whoever reads them next finds them again."""
         dropped: list[str] = []
-        with contextlib.suppress(CancelledError):
-            dropped = drop_damaged(self.store, mesh_id)
+        try:
+            with contextlib.suppress(CancelledError):
+                dropped = drop_damaged(self.store, mesh_id)
+        except StorageFullError:
+            log.exception("damaged files stay", extra={"mesh": mesh_id})
+            return []
         try:
             self.advance(mesh_id)
         except redis.RedisError as error:  # the reconciler will do it
@@ -162,38 +195,18 @@ class JobQueue:
             log.warning("waiting jobs not counted: %s", error)
             return False
 
-    def _advance_or_rebuild(self, mesh_id: str) -> None:
+    def _advance_or_rebuild(self, mesh_id: str) -> bool:
         try:
-            self.advance(mesh_id)
+            return self.advance(mesh_id)
         except DamagedArtifactError:
             self.rebuild(mesh_id)
-
-    def _unsettled(self) -> Iterator[str]:
-        """Ids of accepted meshes that have stages to go. What has none is remembered by its manifest."""
-        settled: dict[str, str] = {}
-        for mesh_id, found in records.outlines(self.store):
-            version = found.get(keys.MANIFEST)
-            if version is not None and (not self.measure or self._settled.get(mesh_id) == version or self._is_settled(mesh_id, found)):
-                settled[mesh_id] = version
-            elif keys.ACCEPTED in found:
-                yield mesh_id
-        self._settled = settled
-
-    def _is_settled(self, mesh_id: str, found: Collection[str]) -> bool:
-        """Whether an ended mesh, of which these records were found, has failed or been through the later stages."""
-        if all(keys.stage_name(stage) in found for stage in LATER_STAGES):
             return True
-        try:
-            manifest = records.read_manifest(self.store, mesh_id)
-        except DamagedArtifactError:
-            return False
-        return manifest is not None and manifest.status == "failed"
 
-    def _advance_later(self, mesh_id: str) -> None:
-        """Enqueue the later stages of a ready mesh that are due. What comes after one that failed is skipped."""
-        manifest = records.read_manifest(self.store, mesh_id) if self.measure else None
+    def _advance_later(self, mesh_id: str) -> bool:
+        """Enqueue the later stages of a ready mesh that are due; whether some have not ended. What needs one that failed is skipped."""
+        manifest = records.read_manifest(self.store, mesh_id)
         if manifest is None or manifest.status != "ready":
-            return
+            return False
         done = {record.stage: record for record in manifest.stages}
         done |= {stage: record for stage in LATER_STAGES if (record := records.read_stage(self.store, mesh_id, stage))}
         for stage, before in LATER_STAGES.items():
@@ -204,6 +217,8 @@ class JobQueue:
         if all(stage in done for stage in LATER_STAGES):
             self.progress.clear(mesh_id)
             self.progress.notify(mesh_id)
+            return False
+        return True
 
     def _enqueue_due(self, mesh_id: str, stages: Mapping[str, tuple[str, ...]], done: Mapping[str, StageRecord | None]) -> None:
         for stage, before in stages.items():
@@ -220,7 +235,6 @@ class JobQueue:
         self.jobs.drop(mesh_id, STAGES)
         self.progress.clear(mesh_id)
         self.progress.notify(mesh_id)
-        self._advance_later(mesh_id)
 
     def _give_up(self, mesh_id: str, stage: str) -> None:
         self._record(mesh_id, failed_record(stage, 0.0, problem_of(BROKEN)))

@@ -1,7 +1,7 @@
 """Reading and writing the records that make the store the truth (`schemas.manifest`).
 
 Two locks keep acceptance, publication and deletion apart, always taken in this order: the upload's, then the mesh's.
-After `forget` nothing of a mesh can be written any more, unless it is accepted again.
+After `forget` nothing of a mesh can be written any more, unless it is accepted again. What is in hand is marked (`backend.unfinished`).
 
 On many machines a lock is a lease (`backend.leases`), and a process that was stopped at the wrong moment may write one thing after it
 has lost it. What each such write can do:
@@ -20,16 +20,25 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from backend import unfinished
 from backend.store import Store
 from schemas import keys
-from schemas.errors import CancelledError, CorruptArtifactError, DamagedArtifactError, DamagedUploadError, NotFoundError
+from schemas.errors import (
+    CancelledError,
+    CorruptArtifactError,
+    DamagedArtifactError,
+    DamagedUploadError,
+    NotFoundError,
+    StorageFullError,
+)
 from schemas.jobs import LATER_STAGES, STAGES
 from schemas.manifest import Accepted, Manifest, StageRecord
 
@@ -38,9 +47,6 @@ OUTLINE = frozenset({keys.ACCEPTED, keys.MANIFEST, *map(keys.stage_name, LATER_S
 
 DAMAGED_BYTES = "The stored upload is damaged: send the same file with the same options again."
 DAMAGED_RECORD = "The record of this upload is damaged: send the same file with the same options again."
-
-_uploads: dict[str, str] = {}
-"""Uploads of meshes by their ids, which say what they are made of: what was read once stays true."""
 
 R = TypeVar("R", bound=BaseModel)
 
@@ -60,6 +66,8 @@ def accept(store: Store, accepted: Accepted, upload: Path) -> bool:
             if is_accepted(store, accepted.id):
                 return _mend(store, accepted)
             store.delete_prefix(keys.folder(accepted.id))  # what a deletion that was interrupted left
+            unfinished.mark(store, accepted.id, accepted.upload_sha256)
+            store.put_bytes(keys.use(accepted.upload_sha256, accepted.id), b"")
             return store.put_bytes(keys.accepted(accepted.id), _json(accepted), create_only=True)
 
 
@@ -157,7 +165,18 @@ def drop_damaged_manifest(store: Store, mesh_id: str) -> None:
         read_manifest(store, mesh_id)
     except DamagedArtifactError:
         log.exception("unreadable manifest", extra={"mesh": mesh_id})
+        unfinished.mark(store, mesh_id)
         store.delete(keys.manifest(mesh_id))
+
+
+def settle(store: Store, mesh_id: str, later: Collection[str]) -> None:
+    """Take the mark from a mesh that has ended; unless it failed, so must have the stages `later`. Raises DamagedArtifactError."""
+    if not unfinished.is_marked(store, mesh_id):
+        return
+    with store.locked(keys.accepted(mesh_id)):
+        manifest = read_manifest(store, mesh_id)
+        if manifest is not None and (manifest.status == "failed" or all(store.exists(keys.stage_record(mesh_id, s)) for s in later)):
+            unfinished.unmark(store, mesh_id)
 
 
 def forget(store: Store, mesh_id: str) -> bool:
@@ -170,42 +189,37 @@ def forget(store: Store, mesh_id: str) -> bool:
     except NotFoundError:
         return False
     except DamagedUploadError:
-        return _forget_mesh(store, mesh_id)
-    with store.locked(keys.upload(upload)):
-        existed = _forget_mesh(store, mesh_id)
-        if not _is_used(store, upload):
-            store.delete(keys.upload(upload))
+        upload = None
+    with _held(store, mesh_id, upload):
+        return _remove(store, mesh_id, upload)
+
+
+def remove_abandoned(store: Store, mesh_id: str) -> None:
+    """Remove what is left of a mesh with a mark and no acceptance: its deletion, or its acceptance, was interrupted."""
+    upload = unfinished.marked_upload(store, mesh_id)
+    with _held(store, mesh_id, upload):
+        if not is_accepted(store, mesh_id):
+            _remove(store, mesh_id, upload)
+
+
+@contextmanager
+def _held(store: Store, mesh_id: str, upload: str | None) -> Iterator[None]:
+    """Hold a mesh and, if it is known, its upload."""
+    with nullcontext() if upload is None else store.locked(keys.upload(upload)), store.locked(keys.accepted(mesh_id)):
+        yield
+
+
+def _remove(store: Store, mesh_id: str, upload: str | None) -> bool:
+    """Remove a mesh and the upload, if no other has it; whether there was the mesh. The caller holds both."""
+    with suppress(StorageFullError):  # deleting is what makes room: without a mark `audit` does the rest if this is interrupted
+        unfinished.mark(store, mesh_id, upload)
+    existed = store.delete(keys.accepted(mesh_id))
+    store.delete_prefix(keys.folder(mesh_id))
+    store.delete(keys.use(upload or keys.UNKNOWN_UPLOAD, mesh_id))
+    if upload is not None and not is_used(store, upload):
+        store.delete(keys.upload(upload))
+    unfinished.unmark(store, mesh_id)
     return existed
-
-
-def sweep(store: Store, temporary_age_s: float) -> None:
-    """Remove what interrupted calls left: old temporary files, meshes and uploads without an acceptance record.
-
-    No upload goes while there is an acceptance record that cannot be read: it may be that one's.
-    """
-    store.sweep_temporary(temporary_age_s)
-    found = dict(outlines(store))
-    for mesh_id in (mesh_id for mesh_id, names in found.items() if keys.ACCEPTED not in names):
-        with store.locked(keys.accepted(mesh_id)):
-            if not is_accepted(store, mesh_id):
-                store.delete_prefix(keys.folder(mesh_id))
-    in_use = set()
-    for mesh_id in (mesh_id for mesh_id, names in found.items() if keys.ACCEPTED in names):
-        try:
-            in_use.add(_upload_of(store, mesh_id))
-        except DamagedUploadError:
-            log.exception("unreadable acceptance record", extra={"mesh": mesh_id})
-    for upload in set(store.children(keys.UPLOADS)) - in_use:
-        with store.locked(keys.upload(upload)):
-            if not _is_used(store, upload):
-                store.delete(keys.upload(upload))
-
-
-def _forget_mesh(store: Store, mesh_id: str) -> bool:
-    with store.locked(keys.accepted(mesh_id)):
-        existed = store.delete(keys.accepted(mesh_id))
-        store.delete_prefix(keys.folder(mesh_id))
-        return existed
 
 
 def _mend(store: Store, accepted: Accepted) -> bool:
@@ -217,9 +231,13 @@ def _mend(store: Store, accepted: Accepted) -> bool:
         read_accepted(store, accepted.id)
         is_mended = False
     except DamagedUploadError:
+        unfinished.mark(store, accepted.id, accepted.upload_sha256)
+        store.put_bytes(keys.use(accepted.upload_sha256, accepted.id), b"")
         is_mended = store.put_bytes(keys.accepted(accepted.id), _json(accepted))
+        store.delete(keys.use(keys.UNKNOWN_UPLOAD, accepted.id))
     ended = (read_stage(store, accepted.id, stage) for stage in STAGES)
     if failed := [record.stage for record in ended if record is not None and _is_of_damaged_upload(record)]:
+        unfinished.mark(store, accepted.id, accepted.upload_sha256)
         store.delete(keys.manifest(accepted.id))
         for stage in failed:
             store.delete(keys.stage_record(accepted.id, stage))
@@ -230,25 +248,21 @@ def _is_of_damaged_upload(record: StageRecord) -> bool:
     return record.error is not None and (record.error.model_extra or {}).get("code") == DamagedUploadError.code
 
 
-def _is_used(store: Store, upload: str) -> bool:
-    """Whether an accepted mesh has this upload, or may have: one whose record cannot be read."""
-    return any(_may_have(store, mesh_id, upload) and is_accepted(store, mesh_id) for mesh_id in store.children(keys.MESHES))
+def is_used(store: Store, upload: str) -> bool:
+    """Whether an accepted mesh has this upload, or may have: one whose record cannot be read. The caller holds the upload."""
+    if store.exists(keys.USES_COMPLETE):
+        users = chain(store.children(keys.uses(upload)), store.children(keys.uses(keys.UNKNOWN_UPLOAD)))
+        return any(is_accepted(store, mesh_id) for mesh_id in users)
+    return any(_may_have(store, mesh_id, upload) for mesh_id in store.children(keys.MESHES))
 
 
 def _may_have(store: Store, mesh_id: str, upload: str) -> bool:
     try:
-        return _upload_of(store, mesh_id) == upload
+        return read_accepted(store, mesh_id).upload_sha256 == upload
+    except NotFoundError:
+        return False
     except DamagedUploadError:
         return True
-
-
-def _upload_of(store: Store, mesh_id: str) -> str | None:
-    if mesh_id not in _uploads:
-        try:
-            _uploads[mesh_id] = read_accepted(store, mesh_id).upload_sha256
-        except NotFoundError:
-            return None
-    return _uploads[mesh_id]
 
 
 def _json(record: BaseModel) -> bytes:

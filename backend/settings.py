@@ -52,7 +52,8 @@ class BackendSettings(BaseSettings):
     stage_attempts: int = Field(4, ge=1, description="times a stage is started before a mesh fails because its worker died or it broke")
     stop_grace_s: float = Field(5.0, ge=0.0, le=3600.0, description="longest that work under way holds up the end of a process")
     job_record_s: int = Field(3600, ge=60, description="how long the queue remembers a job that ended")
-    reconcile_interval_s: float = Field(10.0, gt=0.0, description="how often accepted meshes are compared with the queue")
+    reconcile_interval_s: float = Field(10.0, gt=0.0, description="how often unfinished meshes are compared with the queue")
+    audit_interval_s: float = Field(24 * 3600.0, gt=0.0, description="how often one process goes through everything in the store")
     temporary_age_s: float = Field(6 * 3600.0, gt=0.0, description="temporary files older than this belong to nobody")
 
     @field_validator("redis_url")

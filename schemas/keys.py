@@ -12,12 +12,19 @@ PIPELINE_VERSION = 3
 """Part of every mesh id: raise it when artifacts of old and new code must not mix."""
 
 MESH_ID = re.compile(r"^[0-9a-f]{32}$")
+SHA256 = re.compile(r"^[0-9a-f]{64}$")
 UPLOADS = "uploads/"
 MESHES = "meshes/"
 ACCEPTED = "accepted.json"
 MANIFEST = "manifest.json"
 """Names of a mesh's records under its folder."""
 API_KEYS = "keys/"
+UNFINISHED = "unfinished/"
+USES = "uses/"
+UNKNOWN_UPLOAD = "unknown"
+"""In the place of an upload's sha256: of a mesh whose acceptance cannot be read."""
+USES_COMPLETE = "indexed/uses"
+"""There when every accepted mesh has a use: in a store of an earlier version none has, until all of it has been gone through."""
 
 
 def mesh_id(upload_sha256: str, extension: str, options: PreprocessOptions) -> str:
@@ -64,7 +71,21 @@ def artifact(mesh: str, name: str) -> str:
 def manifest(mesh: str) -> str:
     """The manifest (`schemas.manifest.Manifest`), written last: ready or failed for good."""
     return f"{folder(mesh)}{MANIFEST}"
-    return f"{MESHES}{mesh}/manifest.json"
+
+
+def unfinished(mesh: str) -> str:
+    """The mark of a mesh that something is to be done for (`backend.unfinished`)."""
+    return f"{UNFINISHED}{mesh}"
+
+
+def uses(upload_sha256: str) -> str:
+    """The prefix of the uses of an upload; the names under it are ids of meshes."""
+    return f"{USES}{upload_sha256}/"
+
+
+def use(upload_sha256: str, mesh: str) -> str:
+    """Says that a mesh is made of an upload; written before its acceptance."""
+    return f"{uses(upload_sha256)}{mesh}"
 
 
 def api_key(key_id: str) -> str:

@@ -7,8 +7,9 @@ import logging
 import os
 import re
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -19,7 +20,7 @@ from fastapi.security import HTTPBearer
 from starlette.middleware.cors import CORSMiddleware
 from starlette.types import Scope
 
-from backend import once, records
+from backend import once
 from backend.queue import JobQueue
 from backend.redis_connection import connect
 from backend.tracing import open_tracing
@@ -103,7 +104,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         counted.registry.register(collector := ServiceCollector(services))
         if services.renderer_fault is None:
             warm_in_background(services.renderer)
-        keeper = asyncio.create_task(_reconcile(services), name="reconcile")
+        keeper = asyncio.create_task(_tend(services), name="tend")
         try:
             yield
         finally:
@@ -185,17 +186,26 @@ def _close(services: Services) -> None:
     services.probe.close()
 
 
-async def _reconcile(services: Services) -> None:
-    """Every few seconds bring to the queue what was accepted and is not finished, whatever has been lost meanwhile."""
-    settings = services.settings
-    try:
-        await to_thread.run_sync(records.sweep, services.store, settings.temporary_age_s)
-        await to_thread.run_sync(once.sweep, services.once, settings.temporary_age_s)
-    except (SilhouetteError, OSError) as error:
-        log.warning("what interrupted calls left is not swept: %s", error)
+async def _tend(services: Services) -> None:
+    """Sweep this machine's temporary files, then in its turns bring to the queue what is not finished and go through the whole store."""
+    settings, queue = services.settings, services.queue
+    for store in (services.store, services.once):
+        try:
+            await to_thread.run_sync(store.sweep_temporary, settings.temporary_age_s)
+        except (SilhouetteError, OSError) as error:
+            log.warning("temporary files are not swept: %s", error)
+    reconcile = partial(queue.reconcile_in_turn, settings.reconcile_interval_s)
+    audit = partial(queue.audit_in_turn, settings.audit_interval_s, settings.temporary_age_s)
+    async with asyncio.TaskGroup() as group:  # beside each other: a look at the whole store may take long
+        for call in (reconcile, audit):
+            group.create_task(_repeat(call, settings.reconcile_interval_s))
+
+
+async def _repeat(call: Callable[[], None], pause_s: float) -> None:
+    """Do this now and again so long after its end, whatever has been lost meanwhile. Cancelled, it does not wait for what is being done."""
     while True:
         try:
-            await to_thread.run_sync(services.queue.reconcile_in_turn, settings.reconcile_interval_s)
+            await to_thread.run_sync(call, abandon_on_cancel=True)
         except (redis.RedisError, SilhouetteError, OSError) as error:
-            log.warning("meshes not compared with the queue: %s", error)
-        await asyncio.sleep(settings.reconcile_interval_s)
+            log.warning("the store is not compared with the queue: %s", error)
+        await asyncio.sleep(pause_s)

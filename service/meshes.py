@@ -31,6 +31,9 @@ NOT_READY = "The mesh is accepted, but its preprocessing has not ended."
 KEPT = 256
 """Manifests in memory: with what was measured one takes some hundred KiB."""
 
+ACCEPTED_KEPT = 4096
+"""Acceptance records in memory: one takes 2 KiB."""
+
 RECENT_S = 0.1
 """Between two looks at a mesh that is drawn again and again: a thread has to be woken for each."""
 
@@ -45,8 +48,8 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 class Meshes:
     """Reads meshes; all calls do file or Redis I/O and block. Thread-safe.
 
-    Acceptance records never change, so they are kept; so are the manifests of meshes that no stage is to be run for any more, as long
-    as their files are the same. Where a look at the store takes milliseconds, a mesh that is ready is looked up every
+    Acceptance records never change, so those that were asked for last are kept; so are the manifests of meshes that no stage is to be run
+    for any more, as long as their files are the same. Where a look at the store takes milliseconds, a mesh that is ready is looked up every
     `Store.look_interval_s` only, and by `recent` nowhere more often than every RECENT_S: so much later a process sees that another has
     deleted it. `measure`: whether ready meshes go through the later stages here.
     """
@@ -55,7 +58,7 @@ class Meshes:
         self._store = store
         self._progress = progress
         self._measure = measure
-        self._accepted: dict[str, Accepted] = {}
+        self._accepted: OrderedDict[str, Accepted] = OrderedDict()
         self._settled: OrderedDict[str, tuple[str, Manifest]] = OrderedDict()
         self._seen: OrderedDict[str, tuple[float, Manifest]] = OrderedDict()
         self._forgotten = 0  # so often
@@ -116,9 +119,9 @@ class Meshes:
 
     def forget(self, mesh_id: str) -> None:
         """Drop what is kept of a mesh that is being deleted."""
-        self._accepted.pop(mesh_id, None)
         with self._lock:
             self._forgotten += 1
+            self._accepted.pop(mesh_id, None)
             self._settled.pop(mesh_id, None)
             self._seen.pop(mesh_id, None)
 
@@ -165,7 +168,13 @@ class Meshes:
 
     def _known(self, mesh_id: str) -> Accepted:
         """The acceptance of a mesh that was accepted once. Raises NotFoundError."""
-        return self._accepted.get(mesh_id) or self._read_accepted(mesh_id)
+        return self._kept_accepted(mesh_id) or self._read_accepted(mesh_id)
+
+    def _kept_accepted(self, mesh_id: str) -> Accepted | None:
+        with self._lock:
+            if mesh_id in self._accepted:
+                self._accepted.move_to_end(mesh_id)
+            return self._accepted.get(mesh_id)
 
     def _require(self, mesh_id: str) -> None:
         """Raise NotFoundError when there is no such mesh."""
@@ -176,12 +185,17 @@ class Meshes:
     def _read_accepted(self, mesh_id: str) -> Accepted:
         """The acceptance of a mesh. Raises NotFoundError, FailedMeshError when it is damaged."""
         self._require(mesh_id)
+        if (kept := self._kept_accepted(mesh_id)) is not None:
+            return kept
         try:
-            return self._accepted.get(mesh_id) or self._accepted.setdefault(mesh_id, records.read_accepted(self._store, mesh_id))
+            accepted = records.read_accepted(self._store, mesh_id)
         except NotFoundError:
             raise NotFoundError(NO_SUCH_MESH) from None
         except DamagedUploadError as error:
             raise FailedMeshError(problem_of(error)) from error
+        with self._lock:
+            _put(self._accepted, mesh_id, accepted, ACCEPTED_KEPT)
+        return accepted
 
     def _in_work(self, accepted: Accepted, loaded: Manifest | None) -> MeshInfo:
         running = self._progress.read(accepted.id)
@@ -202,11 +216,11 @@ class Meshes:
         return _info(accepted, MeshStatus(manifest.status), stages, manifest)
 
 
-def _put(kept: OrderedDict[str, T], mesh_id: str, value: T) -> None:
-    """Keep a value, and of all the latest KEPT."""
+def _put(kept: OrderedDict[str, T], mesh_id: str, value: T, most: int = KEPT) -> None:
+    """Keep a value, and of all the latest ones."""
     kept[mesh_id] = value
     kept.move_to_end(mesh_id)
-    while len(kept) > KEPT:
+    while len(kept) > most:
         kept.popitem(last=False)
 
 

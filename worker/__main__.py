@@ -13,7 +13,7 @@ from pathlib import Path
 import redis
 from pydantic import ValidationError
 
-from backend import once, records
+from backend import once
 from backend.logs import configure_logs
 from backend.queue import JobQueue
 from backend.settings import setting_faults
@@ -59,9 +59,9 @@ def main() -> int:
 
 
 def sweep(store: Store, age_s: float) -> None:
-    """Remove what interrupted calls left."""
-    records.sweep(store, age_s)
-    once.sweep(once.store_of(store), age_s)
+    """Remove temporary files that interrupted calls left on this machine."""
+    store.sweep_temporary(age_s)
+    once.store_of(store).sweep_temporary(age_s)
 
 
 def wait_for_redis(connection: redis.Redis) -> bool:

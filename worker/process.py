@@ -30,6 +30,7 @@ from backend.logs import bound
 from backend.queue import JobQueue
 from backend.stage_jobs import StageQueue
 from backend.tracing import REQUEST, open_tracing
+from backend.turns import Turn
 from schemas.errors import SilhouetteError
 from schemas.jobs import LATER_QUEUE, ONCE_QUEUE
 from worker.priority import give_way
@@ -74,10 +75,15 @@ class StageWorker(Worker):
         return HEARTBEAT_TTL_S
 
     def run_maintenance_tasks(self) -> None:
-        """RQ's own, then enqueue what the store says is due, unless that is still going on."""
+        """RQ's own, then what it is this worker's turn to do with the store, unless it still does something."""
         super().run_maintenance_tasks()
-        if not self.asides.busy() and self._jobs.has_turn(self._settings.reconcile_interval_s):
-            self.asides.start(self._jobs.reconcile)
+        if self.asides.busy():
+            return
+        if (turn := self._jobs.turn_to_reconcile()) is not None:
+            self.asides.start(partial(in_turn, turn, self._settings.reconcile_interval_s, self._jobs.reconcile))
+        elif (turn := self._jobs.turn_to_audit()) is not None:
+            audit = partial(self._jobs.audit, self._settings.temporary_age_s)
+            self.asides.start(partial(in_turn, turn, self._settings.audit_interval_s, audit))
 
     def maintain_heartbeats(self, job: Job, execution: Execution) -> None:
         """RQ's own, which makes the record of an execution again, for some seconds, when its job has just ended."""
@@ -175,6 +181,12 @@ class Asides:
         """Whether one of them still runs."""
         self._running = [child for child in self._running if not os.waitpid(child, os.WNOHANG)[0]]
         return bool(self._running)
+
+
+def in_turn(turn: Turn, pause_s: float, call: Callable[[], object]) -> None:
+    """Call this in a turn that was taken, which nobody has again for `pause_s` seconds after it."""
+    with turn.held(pause_s):
+        call()
 
 
 @contextlib.contextmanager

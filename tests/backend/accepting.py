@@ -39,6 +39,11 @@ def record(store, mesh_id, stage, outcome="done", **values):
         records.write_stage(store, mesh_id, StageRecord(stage=stage, outcome=outcome, seconds=0.1, **values))
 
 
+def of_meshes(store):
+    """Keys of everything that belongs to a mesh, and not to the store as a whole."""
+    return [key for key in store.list() if key != keys.USES_COMPLETE]
+
+
 LOAD_REPORT = {
     "frame": {"centre": [1.0, 2.0, 3.0], "scale": 2.0},
     "stats": {

@@ -297,3 +297,22 @@ def test_jobs_stopped_on_purpose_keep_their_attempts(store, queue):
     queue.reconcile()
     assert waiting(queue) == ["load"]
     assert fetch(queue, mesh_id, "load").retries_left == 3
+
+
+def test_two_never_reconcile_at_once_however_long_it_takes(store, queue, redis_url):
+    accept(store)
+    with queue.turn_to_reconcile().held(0.001):
+        other = JobQueue(connect(redis_url), store)
+        other.reconcile_in_turn(0.001)
+        assert waiting(queue) == []
+
+
+def test_everything_is_gone_through_once_in_a_while_by_one(store, queue):
+    never = keys.upload("f" * 64)
+    for expected in (False, True):
+        store.put_bytes(never, b"accepted never")
+        queue.audit_in_turn(3600.0, 3600.0)
+        assert store.exists(never) == expected
+    queue.redis.flushall()
+    queue.audit_in_turn(3600.0, 3600.0)
+    assert not store.exists(never), "a Redis that lost its data forgets the turn, too"

@@ -102,18 +102,17 @@ def test_attempts_that_are_used_up_fail_the_stage_skip_what_needs_it_and_leave_t
     assert queue.reconcile() == 0
 
 
-def test_of_settled_meshes_the_outline_is_looked_at_and_no_file_is_read(store, queue, monkeypatch):
-    settled = [ready(store, queue, bytes([n])) for n in range(3)]
-    for mesh_id in settled:
+def test_of_settled_meshes_nothing_is_looked_at(store, queue, monkeypatch):
+    for mesh_id in [ready(store, queue, bytes([n])) for n in range(3)]:
         for stage in LATER_STAGES:
             record(store, mesh_id, stage)
     assert queue.reconcile() == 0
-    looks, versions = [], store.versions
-    monkeypatch.setattr(store, "get_bytes", lambda key: pytest.fail(f"{key} is read"))
-    monkeypatch.setattr(store, "exists", lambda key: pytest.fail(f"{key} is looked for"))
-    monkeypatch.setattr(store, "versions", lambda *arguments: looks.append(arguments) or versions(*arguments))
+    looks, entries = [], store.entries
+    for look in ("get_bytes", "exists", "version", "versions", "children"):
+        monkeypatch.setattr(store, look, lambda *arguments: pytest.fail(f"{arguments} is looked at"))
+    monkeypatch.setattr(store, "entries", lambda prefix: looks.append(prefix) or entries(prefix))
     assert queue.reconcile() == 0
-    assert looks == [(keys.MESHES, records.OUTLINE)]
+    assert looks == [keys.UNFINISHED]
 
 
 def test_a_settled_mesh_that_another_process_deleted_and_took_again_is_not_settled(store, queue, redis_url):

@@ -3,6 +3,7 @@ import threading
 import pytest
 
 from backend import records
+from backend.audit import audit
 from schemas import keys
 from schemas.errors import CancelledError, CorruptArtifactError, NotFoundError
 from schemas.manifest import Manifest
@@ -94,7 +95,8 @@ def test_sweeping_removes_what_an_interrupted_deletion_or_acceptance_left(store)
     before = everything(store)
     store.put_bytes(keys.upload("f" * 64), b"accepted never")
     store.put_bytes(keys.artifact("e" * 32, "hull.glb"), b"deleted half")
-    records.sweep(store, 3600)
+    audit(store, measure=False)
+    store.delete(keys.USES_COMPLETE)
     assert everything(store) == before
 
 
@@ -106,4 +108,9 @@ def test_a_mesh_accepted_after_an_interrupted_deletion_keeps_nothing_of_what_tha
     store.delete(keys.accepted(mesh_id))  # a deletion that was killed after its first steps
     store.delete(keys.artifact(mesh_id, "mesh.st"))
     assert accept(store) == mesh_id
-    assert everything(store) == [keys.accepted(mesh_id), keys.upload(upload)]
+    assert everything(store) == [
+        keys.accepted(mesh_id),
+        keys.unfinished(mesh_id),
+        keys.upload(upload),
+        keys.use(upload, mesh_id),
+    ]

@@ -41,7 +41,7 @@ def fill(disk):
 
 
 def stored(data_dir):
-    files = (path for path in (data_dir / "store").rglob("*") if path.is_file() and ".locks" not in path.parts)
+    files = (path for path in (data_dir / "store").rglob("*") if path.is_file() and not {".locks", "indexed"} & set(path.parts))
     return sorted(str(path.relative_to(data_dir)) for path in files)
 
 

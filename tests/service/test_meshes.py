@@ -251,3 +251,13 @@ def test_a_torn_acceptance_is_said_hides_no_other_mesh_and_stops_no_picture(stor
     assert caught.value.problem.model_extra["code"] == "damaged-upload"
     assert [mesh.id for mesh in meshes.page(10, None).meshes] == [other]
     assert meshes.drawable(torn).status == "ready"
+
+
+def test_no_more_acceptances_are_kept_than_said_and_those_that_were_asked_for_last(store, progress, monkeypatch):
+    monkeypatch.setattr("service.meshes.ACCEPTED_KEPT", 2)
+    meshes = Meshes(store, progress, measure=False)
+    first, second, third = (accept(store, bytes([number])) for number in range(3))
+    for mesh_id in (first, second, first, third):
+        meshes.info(mesh_id)
+    assert set(meshes._accepted) == {first, third}
+    assert {mesh.id for mesh in meshes.page(10, None).meshes} == {first, second, third}

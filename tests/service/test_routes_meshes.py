@@ -33,11 +33,10 @@ def ply(tmp_path: Path, mesh) -> bytes:
 
 
 def stored(service) -> set[str]:
-    """Objects in the store, and temporary files when there are any that do not go away soon."""
+    """Uploads, meshes and uses in the store, and temporary files when there are any that do not go away soon."""
     root = service.data_dir / "store"
-    objects = {
-        str(path.relative_to(root)) for path in root.rglob("*") if path.is_file() and not path.relative_to(root).parts[0].startswith(".")
-    }
+    found = {path.relative_to(root) for path in root.rglob("*") if path.is_file()}
+    objects = {str(path) for path in found if not path.parts[0].startswith(".") and path.parts[0] not in ("unfinished", "indexed")}
     temporary = root / ".tmp"
     return objects | (set() if _settles(lambda: not any(temporary.iterdir())) else {".tmp"})
 

@@ -483,14 +483,15 @@ def left_of(queue, mesh_id):
 @pytest.mark.parametrize("stage", STAGES)
 def test_deleting_during_a_stage_leaves_nothing(running, stage):
     _, queue = running
-    before = set(queue.store.list())
+    before = set(queue.store.list(keys.MESHES)) | set(queue.store.list(keys.UPLOADS))
     data, texels = (ply(bumpy_sphere(4)), 64) if stage == "verify" else (large(), 4096)
     mesh_id = accept(queue.store, data, name="a.ply", texels=texels)
     queue.advance(mesh_id)
     wait_for(lambda: stage in queue.progress.read(mesh_id) or records.read_manifest(queue.store, mesh_id))
     assert queue.cancel(mesh_id)
     wait_for(lambda: not any(map(started_entries, (queue.queue, queue.later))))
-    assert set(queue.store.list()) == before
+    assert set(queue.store.list(keys.MESHES)) | set(queue.store.list(keys.UPLOADS)) == before
+    assert not [key for key in queue.store.list() if mesh_id in key]
     assert list((queue.store.root / ".tmp").iterdir()) == []
     assert left_of(queue, mesh_id) == []
 

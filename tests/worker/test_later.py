@@ -11,7 +11,7 @@ from backend.stage_jobs import started_entries
 from schemas import jobs as names
 from schemas import keys
 from schemas.jobs import LATER_STAGES, STAGES
-from tests.backend.accepting import accept
+from tests.backend.accepting import accept, of_meshes
 from tests.meshes import sphere
 from tests.worker.forks import forked_workers, private_queue
 from tests.worker.measuring import STEPS
@@ -130,7 +130,7 @@ def test_deleting_during_a_later_stage_leaves_nothing(queue, workers, stage):
     wait_for(lambda: stage in queue.progress.read(mesh_id), 240.0)
     assert queue.cancel(mesh_id)
     wait_for(lambda: not any(map(started_entries, (queue.queue, queue.later))))
-    assert list(queue.store.list()) == []
+    assert of_meshes(queue.store) == []
     assert left_of(queue, mesh_id) == []
 
 
