@@ -10,7 +10,7 @@ accept   puts an upload under the hash of its bytes, and a record only where the
          failure that came of damage it forgets; done late, that runs a stage once more.
 publish  puts artifacts whose bytes follow from the mesh's id, and a manifest only where there is none. Of a mesh that is accepted they
          are right, whoever writes them; of one that was deleted meanwhile nobody looks at them, `accept` clears them away before the
-         mesh is accepted again, and `sweep` some day.
+         mesh is accepted again, and `audit` some day.
 forget   deletes the acceptance first: done late, that is a deletion whose caller has not been answered yet. Done late, deleting what
          is behind it could take artifacts, or the upload, from a mesh that was accepted anew meanwhile; nothing is published of it that
          is not whole, but it may fail and have to be uploaded again. So every batch of deletions looks at the lease first.
@@ -18,7 +18,6 @@ forget   deletes the acceptance first: done late, that is a deletion whose calle
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -87,14 +86,8 @@ def read_accepted(store: Store, mesh_id: str) -> Accepted:
 def upload_path(store: Store, sha256: str) -> Path:
     """The file of an upload, all of it compared with its hash. Raises DamagedUploadError, also when there is none."""
 
-    def compared(path: Path) -> Path:
-        with path.open("rb") as file:
-            if hashlib.file_digest(file, "sha256").hexdigest() != sha256:
-                raise CorruptArtifactError("an upload's bytes have changed since it was stored")
-        return path
-
     try:
-        return store.read_local(keys.upload(sha256), compared)
+        return store.compared_path(keys.upload(sha256), sha256)
     except (NotFoundError, CorruptArtifactError) as error:
         raise DamagedUploadError(DAMAGED_BYTES) from error
 

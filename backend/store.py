@@ -7,6 +7,7 @@ A key is a path of plain names; no part of it starts with a dot, so a store may 
 
 from __future__ import annotations
 
+import hashlib
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator
@@ -116,6 +117,17 @@ class Store(ABC):
             if not self.drop_copy(key):
                 raise
         return read(self.local_path(key))
+
+    def compared_path(self, key: str, sha256: str | None) -> Path:
+        """`local_path` of an object, all of it compared with this hash. Raises NotFoundError, CorruptArtifactError."""
+
+        def compared(path: Path) -> Path:
+            with path.open("rb") as file:
+                if hashlib.file_digest(file, "sha256").hexdigest() != sha256:
+                    raise CorruptArtifactError("an object's bytes have changed since it was stored")
+            return path
+
+        return self.read_local(key, compared)
 
     def list(self, prefix: str = "") -> Iterator[str]:
         """Keys that start with `prefix`, sorted within each folder."""

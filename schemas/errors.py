@@ -31,6 +31,10 @@ PROBLEM_TYPE = "urn:silhouette:problem:"
 """`type` of a problem (RFC 9457) is this and its code; the same for a refused request and for a failed mesh."""
 
 
+TOO_LATE = "The service could not answer in time; try again in a moment."
+"""Message of a BusyError for what was admitted and took too long."""
+
+
 class SilhouetteError(Exception):
     """Base of all errors of the product. `where` locates the fault (field, face index, byte offset, ...)."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import cast
 
@@ -11,7 +10,7 @@ from fastapi import FastAPI, Request, Response
 
 from backend.store import Store
 from schemas import keys
-from schemas.errors import DamagedArtifactError, NotReadyError
+from schemas.errors import CorruptArtifactError, DamagedArtifactError, NotReadyError
 from schemas.manifest import Manifest
 from service.errors import error_response
 from service.state import Services
@@ -22,14 +21,10 @@ BEING_MADE_AGAIN = "A stored file of the mesh was damaged; it is being made agai
 def download_path(store: Store, manifest: Manifest, name: str) -> Path:
     """The file of a download, compared with the sha256 in the record of its stage. Raises NotFoundError, DamagedArtifactError."""
     digest = next((stage.artifacts[name] for stage in manifest.stages if name in stage.artifacts), None)
-
-    def compared(path: Path) -> Path:
-        with path.open("rb") as file:
-            if hashlib.file_digest(file, "sha256").hexdigest() != digest:
-                raise DamagedArtifactError("a download's bytes have changed since it was written", file=name, mesh=manifest.id)
-        return path
-
-    return store.read_local(keys.artifact(manifest.id, name), compared)
+    try:
+        return store.compared_path(keys.artifact(manifest.id, name), digest)
+    except CorruptArtifactError as error:
+        raise DamagedArtifactError("a download's bytes have changed since it was written", file=name, mesh=manifest.id) from error
 
 
 def install(app: FastAPI) -> None:

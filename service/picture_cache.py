@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from schemas.errors import BusyError
+from schemas.errors import TOO_LATE, BusyError
 
 HEADER_BYTES = 1024
 """About what a picture takes beside its body."""
@@ -80,7 +80,7 @@ class PictureCache:
             try:
                 await (asyncio.wait_for(lock.acquire(), limit_s) if count else lock.acquire())
             except TimeoutError:
-                raise BusyError("The service could not answer in time; try again in a moment.") from None
+                raise BusyError(TOO_LATE) from None
             try:
                 found = self.get(tag)
                 self.misses += found is None

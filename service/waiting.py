@@ -12,7 +12,7 @@ from anyio import to_thread
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
-from schemas.errors import BusyError
+from schemas.errors import TOO_LATE, BusyError
 
 T = TypeVar("T")
 
@@ -40,7 +40,7 @@ async def wait_for(request: Request, future: Future[T], timeout_s: float) -> T:
             gone.cancel()
         if not work.done():
             work.cancel()
-            raise ClientDisconnect if left else BusyError("The service could not answer in time; try again in a moment.")
+            raise ClientDisconnect if left else BusyError(TOO_LATE)
     return await work
 
 
@@ -72,7 +72,7 @@ async def wait_until(request: Request, look: Callable[[], T | None], timeout_s: 
             if gone.done():
                 raise ClientDisconnect
             if time.monotonic() > deadline:
-                raise BusyError("The service could not answer in time; try again in a moment.")
+                raise BusyError(TOO_LATE)
             await asyncio.sleep(look_s)
             look_s = min(look_s * SLOWING, max(LOOK_S, last_look_s))
         return found

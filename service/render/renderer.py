@@ -16,11 +16,11 @@ from dataclasses import dataclass, field, replace
 import moderngl
 
 from backend.tracing import add_passes, span
-from schemas.errors import BusyError
+from schemas.errors import TOO_LATE, BusyError
 from schemas.render import Antialias, ImageFormat, PictureRequest, RenderRequest
 from schemas.scene import SceneRequest
 from service.assets import MeshAsset
-from service.costs import CostModel
+from service.costs import GRID, CostModel
 from service.render.context import EglUnavailableError, GlFaultError
 from service.render.encode import encode
 from service.render.fair_queue import FairQueue, FullError
@@ -42,8 +42,6 @@ LARGEST_WAIT = 0.4
 """But no longer than this part of the time that a picture may take."""
 MEMORY = 0.95
 """What counts of earlier frames beside the latest, for the time of a sample."""
-SAMPLES = {Antialias.MSAA: 4, Antialias.SSAA: 16}
-"""Of a pixel."""
 LEAST_RETRY_S = 0.1
 TRIES = 2
 """How often a frame is drawn whose GL fails, each time by a new context."""
@@ -73,7 +71,7 @@ def patience_s(frame_s: float, limit_s: float) -> float:
     return min(PATIENCE * frame_s, LARGEST_WAIT * limit_s)
 
 
-def is_small(request: RenderRequest) -> bool:
+def _is_small(request: RenderRequest) -> bool:
     """Whether a picture is encoded in less time than it takes to have another thread do so."""
     return request.format in QUICK_FORMATS and request.width * request.height <= QUICK_PIXELS
 
@@ -237,7 +235,7 @@ class Renderer:
                 image = self._drawn(job)
                 add_passes(traced, image.passes)
         except StoppedError:
-            job.future.set_exception(BusyError("The service could not answer in time; try again in a moment."))
+            job.future.set_exception(BusyError(TOO_LATE))
         except Exception as error:
             job.future.set_exception(error)
         else:
@@ -287,12 +285,12 @@ def samples_of(request: PictureRequest | SceneRequest) -> int:
     antialias = request.accuracy.antialias
     if antialias is Antialias.AUTO and request.lines is not None:
         antialias = Antialias.MSAA
-    return request.width * request.height * SAMPLES.get(antialias, 1)
+    return request.width * request.height * GRID.get(antialias, 1) ** 2
 
 
 def _drawing(asset: MeshAsset, request: RenderRequest, *, encodes: bool = False) -> Draw:
     def draw(gpu: Gpu, true_times: bool) -> RenderedImage:
         image = render_frame(gpu, asset, request, true_times=true_times)
-        return _with_body(image, request) if encodes and is_small(request) else image
+        return _with_body(image, request) if encodes and _is_small(request) else image
 
     return draw
