@@ -18,6 +18,11 @@ def session_nice(pid):
     return int(Path(f"/proc/{pid}/autogroup").read_text().split()[-1])
 
 
+def told_in_a_session_of_its_own(source):
+    """What a process prints that leads a new session: one that was never given one has no share of its own."""
+    return subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True, start_new_session=True).stdout
+
+
 def settled(read, wanted):
     deadline = time.monotonic() + 60.0
     while read() != wanted and time.monotonic() < deadline:
@@ -43,16 +48,10 @@ def test_workers_beside_the_private_queue_give_way_and_the_reader_does_not(tmp_p
 
 @needs_autogroup
 def test_a_session_that_is_not_the_worker_s_own_keeps_its_share():
-    before = session_nice(os.getpid())
-    child = os.fork()
-    if not child:
-        give_way(7, os.getpid())
-        os._exit(os.getpriority(os.PRIO_PROCESS, 0))
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
-    assert session_nice(os.getpid()) == before
+    told = "import os; from worker.priority import AUTOGROUP, give_way; give_way(7, os.getppid()); print(os.nice(0), AUTOGROUP.read_text())"
+    assert told_in_a_session_of_its_own(told).split()[::3] == ["7", "0"]
 
 
 def test_a_process_never_takes_back_what_it_gave():
     told = "import os; from worker.priority import give_way; give_way(9, os.getpid()); give_way(3, os.getpid()); print(os.nice(0))"
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True, start_new_session=True)
-    assert done.stdout.strip() == "9"
+    assert told_in_a_session_of_its_own(told).strip() == "9"
