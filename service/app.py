@@ -102,7 +102,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         services = await to_thread.run_sync(_open, settings)
         app.state.services = services
         counted.registry.register(collector := ServiceCollector(services))
-        if services.renderer_fault is None:
+        if settings.warm_renderer and services.renderer_fault is None:
             warm_in_background(services.renderer)
         keeper = asyncio.create_task(_tend(services), name="tend")
         try:

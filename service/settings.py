@@ -48,6 +48,7 @@ class ServiceSettings(BackendSettings):
     asset_cache_mib: int = Field(1024, ge=1, description="mesh data kept mapped for rendering and silhouettes")
     picture_cache_mib: int = Field(64, ge=0, description="encoded pictures kept to be given again; 0 keeps none")
     gpu_cache_mib: int = Field(512, ge=1, description="meshes and maps kept by the renderer")
+    warm_renderer: bool = Field(True, description="draw in every way, and find what that takes on this device, when the service starts")
 
     @field_validator("cors_origins", mode="before")
     @classmethod

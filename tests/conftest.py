@@ -15,6 +15,7 @@ from client.shapes import write_ply
 from tests import meshes
 
 os.environ["SILHOUETTE_MEASURE"] = "false"  # of all processes that tests start, unless a test is about it
+os.environ["SILHOUETTE_WARM_RENDERER"] = "false"  # likewise: most services of tests draw little, and end soon
 os.environ["SILHOUETTE_NICE"] = "0"  # likewise: tests wait for workers, and run beside other tests
 
 MAX_UPLOAD_MIB = 4

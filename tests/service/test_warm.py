@@ -5,12 +5,14 @@ import json
 import pkgutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from numba.core.dispatcher import Dispatcher
 
+from client.local import LocalService
 from schemas.lines import LineKind
 from schemas.render import Accuracy, Antialias, ProjectTo, RenderRequest, SilhouetteRequest, Source
 from schemas.scene import SceneRequest
@@ -35,6 +37,20 @@ INSIDE = {"eye": [0.0, 0.01, 0.02]}
 def test_no_kernel_is_compiled_after_warming():
     run = subprocess.run([sys.executable, "-m", __name__], cwd=ROOT, capture_output=True, text=True, timeout=250, check=True)
     assert json.loads(run.stdout.splitlines()[-1]) == []
+
+
+def said(running: LocalService) -> set[str]:
+    """Messages in the log of a service."""
+    return {json.loads(line)["message"] for line in (running.data_dir / "service.log").read_text().splitlines() if line.startswith("{")}
+
+
+def test_a_service_warms_its_renderer_unless_told_not_to(service, tmp_path):
+    with LocalService(tmp_path, {"SILHOUETTE_WARM_RENDERER": "true"}, ("--workers", "0")) as running:
+        deadline = time.monotonic() + 120.0
+        while "warmed" not in said(running) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert "warmed" in said(running)
+    assert "warmed" not in said(service)
 
 
 def forms() -> Iterator[str]:
