@@ -85,22 +85,10 @@ def read_accepted(store: Store, mesh_id: str) -> Accepted:
 
 def upload_path(store: Store, sha256: str) -> Path:
     """The file of an upload, all of it compared with its hash. Raises DamagedUploadError, also when there is none."""
-
     try:
         return store.compared_path(keys.upload(sha256), sha256)
     except (NotFoundError, CorruptArtifactError) as error:
         raise DamagedUploadError(DAMAGED_BYTES) from error
-
-
-def list_accepted(store: Store) -> Iterator[Accepted]:
-    """All accepted meshes, by id."""
-    for mesh_id in store.children(keys.MESHES):
-        try:
-            yield read_accepted(store, mesh_id)
-        except NotFoundError:  # deleted meanwhile
-            continue
-        except CorruptArtifactError:
-            log.exception("unreadable acceptance record", extra={"mesh": mesh_id})
 
 
 def outlines(store: Store) -> Iterator[tuple[str, dict[str, str]]]:
