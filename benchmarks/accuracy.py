@@ -1,6 +1,6 @@
 """How exact every rung of a mesh is and what a frame of it takes: the measured ladder, made in this process.
 
-    python -m benchmarks.accuracy MESH --size 512 [--views 12] [--samples 4] [--stencil VIEWS] [--json]
+    python -m benchmarks.accuracy MESH --size 512 [--views 12] [--samples 4] [--stencil VIEWS] [--texels 1024] [--json]
 
 MESH is a file or a name that `benchmarks.models` knows. Its hulls, maps, tree and levels are made first. Errors are those of
 `service.measure.errors`, against the original at 16 x 16 samples a pixel; `ms` is the median of a frame of each view. --samples: of the
@@ -19,7 +19,7 @@ from benchmarks.models import mesh_file
 from benchmarks.report import mesh_parser, report
 from schemas.conventions import Array
 from schemas.ladder import SAMPLES, VIEWS, Ladder, MeasuredRung
-from schemas.mesh import PreprocessOptions
+from schemas.mesh import DEFAULT_TEXELS, PreprocessOptions
 from schemas.render import Accuracy, Antialias, AnyCamera, RenderRequest, Shading, ShadingMode, Source
 from service.assets import MeshAsset
 from service.measure.ladder import measure_step, put_together, steps
@@ -33,10 +33,12 @@ COVERAGE_ERROR, COVERAGE_RMSE, LINE_ERROR, STENCIL_PART = 0.008, 0.015, 0.06, 1e
 PART_OF_MSAA = 1.0 / 3.0
 
 
-def run(mesh: str, size: int, views: int, samples: int = MSAA_SAMPLES, stencil_views: int = 0) -> dict[str, Any]:
+def run(
+    mesh: str, size: int, views: int, samples: int = MSAA_SAMPLES, stencil_views: int = 0, texels: int = DEFAULT_TEXELS
+) -> dict[str, Any]:
     """The result for a mesh."""
     with mesh_file(mesh) as path:
-        asset = prepare(path, PreprocessOptions(), every_rung=True)
+        asset = prepare(path, PreprocessOptions(texels=texels), every_rung=True)
     gpu = Gpu(1024)
     try:
         gpu.gl.most_samples = min(samples, int(gpu.ctx.max_samples))
@@ -151,8 +153,10 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=VIEWS)
     parser.add_argument("--samples", type=int, default=MSAA_SAMPLES, help="of the rung msaa in a pixel, at most the driver's most")
     parser.add_argument("--stencil", type=int, default=0, metavar="VIEWS", help="compare the stencil's mask in so many views")
+    parser.add_argument("--texels", type=int, default=DEFAULT_TEXELS, help="along each side of the largest maps")
     options = parser.parse_args()
-    report(lambda: run(options.mesh, options.size, options.views, options.samples, options.stencil), options.json, print_table)
+    sizes = (options.size, options.views, options.samples, options.stencil, options.texels)
+    report(lambda: run(options.mesh, *sizes), options.json, print_table)
 
 
 if __name__ == "__main__":

@@ -51,11 +51,11 @@ REFUSALS = (CODES | {"unknown-format", "too-large"}) - {"parser-crashed"}
 class Pipeline:
     """A private queue and workers over a data folder; a context."""
 
-    def __init__(self, data_dir: Path) -> None:
-        self.data_dir = data_dir
+    def __init__(self, data_dir: Path, workers: int = WORKERS) -> None:
+        self.data_dir, self._workers = data_dir, workers
 
     def __enter__(self) -> Pipeline:
-        self._backend = EmbeddedBackend(self.data_dir, WORKERS, ENVIRONMENT)
+        self._backend = EmbeddedBackend(self.data_dir, self._workers, ENVIRONMENT)
         self._backend.start()
         self.queue = JobQueue.open(BackendSettings(data_dir=self._backend.data_dir, redis_url=self._backend.redis_url))
         return self

@@ -130,13 +130,13 @@ def in_order(edges: I4) -> I4:
     return np.asarray(edges[np.lexsort(edges.T)])
 
 
-def enclosure(asset: MeshAsset) -> Values:
+def enclosure(asset: MeshAsset, samples: int = SURFACE_POINTS) -> Values:
     """Whether the hull holds the mesh, by winding numbers. outside: points that it does not, LOOKED_INTO at most."""
     if asset.hull is None:
         return {"enclosed": None, "outside": None}
     rng = np.random.default_rng(SEED)
     chosen = rng.permutation(len(asset.positions))[:VERTICES]
-    points = np.concatenate([asset.positions[chosen].astype(np.float64), surface_points(asset.positions, asset.faces, SURFACE_POINTS)])
+    points = np.concatenate([asset.positions[chosen].astype(np.float64), surface_points(asset.positions, asset.faces, samples)])
     original, hull = (asset.positions, asset.faces), (asset.hull["positions"], asset.hull["faces"])
     found = points[uncovered(*original, *hull, points)][:LOOKED_INTO]
     balls = found[:, None] + rng.normal(size=(len(found), BALL_POINTS, 3)) * NEIGHBOURHOOD

@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from typing import Any
 
 from benchmarks import exact_cost, exact_eyes, exact_signs
@@ -27,21 +27,20 @@ VIEWS = 200
 SEED = 1
 
 
-def _shared_out(work: Callable[..., Any], parts: list[tuple[Any, ...]]) -> list[Any]:
-    with ProcessPoolExecutor(PROCESSES, mp_context=SPAWN) as processes:
-        return list(processes.map(work, *zip(*parts, strict=True)))
+def _shared_out(processes: Executor, work: Callable[..., Any], parts: list[tuple[Any, ...]]) -> list[Any]:
+    return list(processes.map(work, *zip(*parts, strict=True)))
 
 
-def check_signs(count: int) -> list[Result]:
+def check_signs(processes: Executor, count: int) -> list[Result]:
     """Rows of `exact_signs`, one a family."""
     parts = exact_signs.tasks(count)
-    return exact_signs.totals(parts, _shared_out(exact_signs.count_chunk, parts))
+    return exact_signs.totals(parts, _shared_out(processes, exact_signs.count_chunk, parts))
 
 
-def check_eyes(count: int) -> list[Result]:
+def check_eyes(processes: Executor, count: int) -> list[Result]:
     """Rows of `exact_eyes`, one a mesh."""
     each = -(-count // len(exact_eyes.SHAPES))
-    return _shared_out(exact_eyes.count_mismatches, [(name, each, SEED) for name in exact_eyes.SHAPES])
+    return _shared_out(processes, exact_eyes.count_mismatches, [(name, each, SEED) for name in exact_eyes.SHAPES])
 
 
 def measure_cost(meshes: tuple[str, ...], seconds: float) -> tuple[list[Result], list[str]]:
@@ -62,12 +61,13 @@ def measure(signs: int, eyes: int, seconds: float, meshes: tuple[str, ...]) -> R
     if seconds > 0.0:  # first, while nothing else of ours runs
         result["cost"], result["absent"] = measure_cost(meshes, seconds)
         begun = _told(result, "cost", begun)
-    if signs:
-        result["signs"] = check_signs(signs)
-        begun = _told(result, "signs", begun)
-    if eyes:
-        result["eyes"] = check_eyes(eyes)
-        _told(result, "eyes", begun)
+    with ProcessPoolExecutor(PROCESSES, mp_context=SPAWN) as processes:
+        if signs:
+            result["signs"] = check_signs(processes, signs)
+            begun = _told(result, "signs", begun)
+        if eyes:
+            result["eyes"] = check_eyes(processes, eyes)
+            _told(result, "eyes", begun)
     return result | {"bars": bars(result)}
 
 

@@ -44,6 +44,8 @@ ENVIRONMENT = {
     "SILHOUETTE_TEMPORARY_AGE_S": str(TEMPORARY_AGE_S),
 }
 HULL_FACES, TEXELS = 200, 128
+DETAIL = 4
+"""Subdivisions of a bumpy sphere: 5,120 faces."""
 BETWEEN_KILLS_S = (0.5, 3.0)
 LIMIT_S = 900.0
 
@@ -152,12 +154,13 @@ def processes_of(folder: Path) -> int:
     return found
 
 
-def run(uploads: int, kills: int, server_kills: int, seed: int) -> Outcome:
-    """The whole experiment, in a folder of its own that is removed afterwards."""
+def run(uploads: int, kills: int, server_kills: int, seed: int, detail: int = DETAIL) -> Outcome:
+    """The whole experiment, in a folder of its own that is removed afterwards. detail: of most meshes, every fifth has one more."""
     folder = Path(tempfile.mkdtemp(prefix="silhouette-faults-"))
     outcome, started = Outcome(uploads), time.perf_counter()
     try:
-        _upload_under_fire(folder, outcome, kills, server_kills, seed)
+        files = _files(folder / "files", uploads, detail)
+        _upload_under_fire(folder, files, outcome, kills, server_kills, seed)
         time.sleep(TEMPORARY_AGE_S + 0.5)
         outcome.orphans = processes_of(folder)
         outcome.temporary_files_before_sweep = _temporary_files(folder)
@@ -177,8 +180,7 @@ def _temporary_files(folder: Path) -> int:
     return sum(1 for _ in place.iterdir()) if place.is_dir() else 0
 
 
-def _upload_under_fire(folder: Path, outcome: Outcome, kills: int, server_kills: int, seed: int) -> None:
-    files = _files(folder / "files", outcome.uploads)
+def _upload_under_fire(folder: Path, files: list[Path], outcome: Outcome, kills: int, server_kills: int, seed: int) -> None:
     with LocalService(folder, ENVIRONMENT, ("--workers", str(WORKERS))) as service:
         killer = Killer(service, kills, server_kills, seed)
         killer.start()
@@ -196,11 +198,11 @@ def _upload_under_fire(folder: Path, outcome: Outcome, kills: int, server_kills:
     outcome.twice = sum(count - outcome.uploads for count in stored) + sum(a != b for a, b in zip(accepted, again, strict=True))
 
 
-def _files(folder: Path, count: int) -> list[Path]:
+def _files(folder: Path, count: int, detail: int) -> list[Path]:
     folder.mkdir()
     paths = [folder / f"{number}.ply" for number in range(count)]
     for number, path in enumerate(paths):
-        write_ply(str(path), *bumpy_sphere(5 if number % 5 == 0 else 4, seed=number))
+        write_ply(str(path), *bumpy_sphere(detail + 1 if number % 5 == 0 else detail, seed=number))
     return paths
 
 

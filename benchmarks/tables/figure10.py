@@ -47,14 +47,17 @@ DRAWN = {
     "clipped hull, exact coverage": ("original", COVERAGE),
 }
 """What is compared: which asset on which rung."""
+_STEPS = np.arange(256) / 255.0
+LINEAR = np.where(_STEPS <= 0.04045, _STEPS / 12.92, ((_STEPS + 0.055) / 1.055) ** 2.4)
+"""(256,) f8 linear light of sRGB bytes."""
 STRIP = ("simplified, normal-mapped", "clipped hull, exact coverage")
 
 
-def measure(mesh: str, quick: bool) -> Result:
+def measure(mesh: str, quick: bool, texels: int = TEXELS) -> Result:
     """{faces, coarse_faces, size, views, drawn: {label: errors}, pictures}."""
     with mesh_file(mesh) as path:
-        original = frame.prepare(path, PreprocessOptions(hull_faces=FACES, texels=TEXELS))
-    assets = {"original": original, "simplified": unconstrained(original, FACES)}
+        original = frame.prepare(path, PreprocessOptions(hull_faces=FACES, texels=texels))
+    assets = {"original": original, "simplified": unconstrained(original, FACES, texels)}
     gpu = Gpu(1024)
     errors: dict[str, list[tuple[float, float]]] = {label: [] for label in DRAWN}
     try:
@@ -72,7 +75,7 @@ def measure(mesh: str, quick: bool) -> Result:
     return facts | {"drawn": drawn, "pictures": pictures}
 
 
-def unconstrained(original: MeshAsset, count: int) -> MeshAsset:
+def unconstrained(original: MeshAsset, count: int, texels: int) -> MeshAsset:
     """The original simplified by quadrics, its silhouette its own, with a map of the original's normals."""
     positions, faces = simplified(original.positions, original.faces, count)
     edges = build_edges(faces)
@@ -82,7 +85,7 @@ def unconstrained(original: MeshAsset, count: int) -> MeshAsset:
         faces,
         hull_normals(outside, faces),
         *(original.positions, original.faces, original.normals, original.appearance),
-        TEXELS,
+        texels,
         frame.silent,
         corner_normals=original.corner_normals,
     )
@@ -133,10 +136,8 @@ def reference(gpu: Gpu, asset: MeshAsset, seen: OrbitCamera) -> F8:
 
 def linear(pixels: U1) -> F8:
     """(h, w, 4) f8 linear light, premultiplied, of sRGB bytes with straight alpha."""
-    color = pixels[..., :3] / 255.0
-    light = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
     alpha = pixels[..., 3:] / 255.0
-    return np.concatenate([light * alpha, alpha], axis=-1)
+    return np.concatenate([LINEAR[pixels[..., :3]] * alpha, alpha], axis=-1)
 
 
 def differences(made: U1, wanted: F8) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from benchmarks.report import Result, markdown_table, number
 from benchmarks.rivals import simplified
 from benchmarks.tables.making import Table, main
 from client.shapes import write_ply
-from schemas.mesh import PreprocessOptions
+from schemas.mesh import DEFAULT_TEXELS, PreprocessOptions
 from service.render.state import Gpu
 
 HULL_FACES = 500
@@ -31,14 +31,14 @@ CURVES = {
 }
 
 
-def measure(mesh: str, quick: bool) -> Result:
+def measure(mesh: str, quick: bool, texels: int = DEFAULT_TEXELS) -> Result:
     """{points: [{faces, frame times}], coarse to fine, curves: {label: [faces drawn in full in equal time, or None]}}."""
     points = []
     gpu = Gpu(1024)
     try:
         with tempfile.TemporaryDirectory() as folder, mesh_file(mesh) as full:
             for path in _resolutions(full, Path(folder), FACES[::3] if quick else FACES):
-                asset = frame.prepare(path, PreprocessOptions(hull_faces=HULL_FACES))
+                asset = frame.prepare(path, PreprocessOptions(hull_faces=HULL_FACES, texels=texels))
                 times = frame.frame_times(gpu, asset, 2 if quick else VIEWS, SIDE_PX)
                 points.append({"faces": len(asset.faces)} | {key: times[key] for pair in CURVES.values() for key in pair})
     finally:

@@ -18,7 +18,7 @@ from benchmarks.models import mesh_file
 from benchmarks.paper import MACHINE, NAMES, TABLE_1
 from benchmarks.report import Result, markdown_table, number, ratio, times
 from benchmarks.tables.making import Table, main
-from schemas.mesh import PreprocessOptions
+from schemas.mesh import DEFAULT_TEXELS, PreprocessOptions
 from service.assets import MeshAsset
 from service.render.frame import render_frame
 from service.render.state import Gpu
@@ -36,11 +36,12 @@ STEPS = {"edges": "extraction", "surface": "hull", "rim": "hull"} | dict.fromkey
 RUNGS = {"stencil": "clipped_stencil_ms", "line": "clipped_line_ms", "coverage": "clipped_coverage_ms"}
 
 
-def measure(mesh: str, quick: bool) -> Result:
+def measure(mesh: str, quick: bool, texels: int = DEFAULT_TEXELS) -> Result:
     """Frame times of all rungs, steps of the clipped ones, error of the outline."""
     views = 2 if quick else VIEWS
     with mesh_file(mesh) as path:
-        asset = frame.prepare(path, PreprocessOptions(hull_faces=HULL_FACES.get(path.stem, PARASAUR_HULL_FACES)))
+        hull_faces = HULL_FACES.get(path.stem, PARASAUR_HULL_FACES)
+        asset = frame.prepare(path, PreprocessOptions(hull_faces=hull_faces, texels=texels))
     gpu = Gpu(1024)
     try:
         result = {"faces": len(asset.faces), "hull_faces": len(asset.hull["faces"]) if asset.hull else 0, "size": SIDE_PX}

@@ -9,7 +9,7 @@ from benchmarks.faults import Outcome, processes_of, run
 
 @pytest.mark.heavy
 def test_uploads_survive_killed_workers_and_a_killed_server():
-    outcome = run(uploads=4, kills=2, server_kills=1, seed=3)
+    outcome = run(uploads=4, kills=2, server_kills=1, seed=3, detail=3)
     assert outcome.is_good, outcome
     assert outcome.worker_kills + outcome.fork_kills == 2 and outcome.server_kills == 1
 

@@ -11,6 +11,8 @@ from benchmarks.mixed_requests import MIX, THUMBNAIL, Known, mixed
 from client.shapes import write_ply
 from tests.meshes import bumpy_sphere
 
+pytestmark = pytest.mark.xdist_group("mixed load")  # one run of the benchmark for all tests
+
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):

@@ -47,7 +47,7 @@ def test_vtk_finds_as_many_edges_for_each_eye(surface):
 
 @pytest.mark.parametrize("maker", [igl_hull, partial(nested_cage, energy="None")], ids=["libigl", "nested_cages"])
 def test_rival_hulls_enclose_have_few_faces_and_are_timed(maker):
-    positions, faces, _ = normalised(sphere(3))
+    positions, faces, _ = normalised(sphere(2))
     hull = made(maker, positions, faces, 100)
     assert 4 <= len(hull.faces) <= 100
     assert hull.seconds > 0.0

@@ -6,11 +6,21 @@ import numpy as np
 import pytest
 
 from benchmarks.isolated import isolated
+from benchmarks.models import AbsentError
 from benchmarks.tables import figure9, figure10, figure11, hulls, making, preprocessing, table1, table2
-from benchmarks.tables.making import Table
 from client.shapes import torus_knot, write_ply
 
+pytestmark = pytest.mark.xdist_group("tables")  # one process for all that is measured
+
 MACHINE = {"processor": "a", "cores": 2, "memory_gib": 1.0, "system": "b", "python": "3", "packages": {}, "load": 0.0}
+SMALL_TEXELS = 128
+SIZES_OF_DRAWN = {
+    table1: {"texels": SMALL_TEXELS},
+    table2: {},
+    figure9: {},
+    figure10: {"texels": SMALL_TEXELS},
+    figure11: {"texels": SMALL_TEXELS},
+}
 
 
 @pytest.fixture(scope="module")
@@ -20,9 +30,32 @@ def small(tmp_path_factory):
     return str(path)
 
 
-def measured(table, mesh):
-    row, _ = isolated(table.TABLE.measure, mesh, True, limit_s=280.0)
-    return row, {"name": table.TABLE.name, "quick": True, "machine": MACHINE, "meshes": {"small": row}, "left_out": {}, "failed": {}}
+def drawn_rows(mesh):
+    """{name of a table: its quick row, or the word for what is absent}."""
+    rows = {}
+    for table, sizes in SIZES_OF_DRAWN.items():
+        try:
+            rows[table.TABLE.name] = table.TABLE.measure(mesh, True, **sizes)
+        except AbsentError as absent:
+            rows[table.TABLE.name] = str(absent)
+    return rows
+
+
+@pytest.fixture(scope="module")
+def rows(small):
+    """Of all tables that draw or extract, in one process: it has a GL context of its own and loads the kernels once."""
+    return isolated(drawn_rows, small, limit_s=280.0)[0]
+
+
+def measured(table, rows):
+    row = rows[table.TABLE.name]
+    if isinstance(row, str):
+        pytest.skip(row)
+    return row, result_of(table, row)
+
+
+def result_of(table, row):
+    return {"name": table.TABLE.name, "quick": True, "machine": MACHINE, "meshes": {"small": row}, "left_out": {}, "failed": {}}
 
 
 def written(table, result, folder):
@@ -36,8 +69,8 @@ def written(table, result, folder):
     return page
 
 
-def test_table_1_has_all_rungs_and_steps(small, tmp_path):
-    row, result = measured(table1, small)
+def test_table_1_has_all_rungs_and_steps(rows, tmp_path):
+    row, result = measured(table1, rows)
     assert row["faces"] == 1200
     assert set(row["steps"]) == {"stencil", "line", "coverage"}
     assert all(row["steps"][rung]["extraction"] > 0.0 and row["steps"][rung]["hull"] > 0.0 for rung in row["steps"])
@@ -45,33 +78,32 @@ def test_table_1_has_all_rungs_and_steps(small, tmp_path):
     assert "original / clipped coverage" in written(table1, result, tmp_path)
 
 
-def test_table_2_has_no_mismatch(small, tmp_path):
-    row, result = measured(table2, small)
+def test_table_2_has_no_mismatch(rows, tmp_path):
+    row, result = measured(table2, rows)
     assert (row["mismatches"], row["numpy_mismatches"], row.get("vtk_mismatches", 0)) == (0, 0, 0)
     assert min(row["tree_us"], row["numpy_us"], row["brute_simd_us"]) > 0.0
     assert "**SIMD / tree**" in written(table2, result, tmp_path)
 
 
 def test_table_of_hulls_proves_enclosure(small, tmp_path):
-    row, result = measured(hulls, small)
+    row = hulls.TABLE.measure(small, True)
     assert [hull["enclosed"] for hull in row["ours"]] == [True]
     assert row["ours"][0]["faces"] <= 300
     assert 0.0 < row["ours"][0]["volume_excess"] < 1.0
     assert row["our_mib"] > 50.0
-    written(hulls, result, tmp_path)
+    written(hulls, result_of(hulls, row), tmp_path)
 
 
 def test_table_of_preprocessing_has_every_stage(small, tmp_path):
-    row, result = measured(preprocessing, small)
+    row = preprocessing.TABLE.measure(small, True)
     stages = {stage["name"] for stage in row["stages"]}
     assert {"load", "hull", "bake", "tree", "verify"} <= stages
-    page = written(preprocessing, result, tmp_path)
+    page = written(preprocessing, result_of(preprocessing, row), tmp_path)
     assert all(f" {stage} " in page for stage in stages)
 
 
-def test_figure_9_is_coarse_to_fine(small, tmp_path):
-    pytest.importorskip("fast_simplification")
-    row, result = measured(figure9, small)
+def test_figure_9_is_coarse_to_fine(rows, tmp_path):
+    row, result = measured(figure9, rows)
     assert [point["faces"] for point in row["points"]] == [500, 1200]
     assert row["points"][0]["silhouette_edges"] < row["points"][1]["silhouette_edges"]
     written(figure9, result, tmp_path)
@@ -83,9 +115,8 @@ def test_growth_is_the_exponent():
     assert figure9.growth(points, "brute_simd_us") == pytest.approx(2.0)
 
 
-def test_figure_10_clipped_outline_is_better_than_the_simplified(small, tmp_path):
-    pytest.importorskip("fast_simplification")
-    row, result = measured(figure10, small)
+def test_figure_10_clipped_outline_is_better_than_the_simplified(rows, tmp_path):
+    row, result = measured(figure10, rows)
     wrong = {label: errors["outline_px"] for label, errors in row["drawn"].items()}
     assert wrong["clipped hull, exact coverage"] < 0.2 * wrong["simplified, normal-mapped"]
     assert wrong["clipped hull, exact coverage"] < wrong["original, 4x MSAA"] < wrong["original, no antialiasing"]
@@ -106,9 +137,8 @@ def test_linear_light_and_back():
     assert np.array_equal(figure10.over_white(figure10.linear(pixels)), pixels[..., :3])
 
 
-def test_figure_11_runs(small, tmp_path):
-    pytest.importorskip("fast_simplification")
-    row, result = measured(figure11, small)
+def test_figure_11_runs(rows, tmp_path):
+    row, result = measured(figure11, rows)
     assert [point["faces"] for point in row["points"]] == [500, 1200]
     written(figure11, result, tmp_path)
 
@@ -118,34 +148,3 @@ def test_equal_time_lies_between_the_measured_meshes():
     assert figure11.equal_time(points, "clipped", "drawn") == [100, 1000]
     points[1]["clipped"] = 101.0
     assert figure11.equal_time(points, "clipped", "drawn")[1] is None
-
-
-def count(mesh, quick):
-    if "bad" in mesh:
-        raise ValueError("this one is broken")
-    return {"quick": quick}
-
-
-def test_a_failing_and_an_absent_mesh_are_told_and_the_others_are_made(small, tmp_path):
-    bad = tmp_path / "bad.ply"
-    bad.write_bytes(b"")
-    table = Table("counting", "Counting", (small,), count, lambda result: f"{len(result['meshes'])} meshes")
-    result = making.make(table, [small, str(bad), "nowhere"], quick=True)
-    assert result["meshes"]["small"]["quick"] is True
-    assert result["failed"] == {"bad": "ValueError: this one is broken"}
-    assert "nowhere is not on this machine" in result["left_out"]["nowhere"]
-    page = making.document(table, result, [])
-    assert "1 meshes" in page
-    assert "Failed: bad: ValueError: this one is broken." in page
-
-
-def test_a_table_ends_with_status_1_when_a_mesh_failed(small, tmp_path, capsys):
-    bad = tmp_path / "bad.ply"
-    bad.write_bytes(b"")
-    table = Table("counting", "Counting", (), count, lambda result: f"{len(result['meshes'])} meshes")
-    with pytest.raises(SystemExit, match="0"):
-        making.main(table, [small, "--json"])
-    assert json.loads(capsys.readouterr().out)["meshes"]["small"]["quick"] is False
-    with pytest.raises(SystemExit, match="1"):
-        making.main(table, [small, str(bad), "--out", str(tmp_path / "out")])
-    assert (tmp_path / "out" / "counting.md").exists()

@@ -2,16 +2,29 @@
 
 import xml.etree.ElementTree as ET
 
+import pytest
+
 from client import Client
+from client.shapes import write_ply
 from schemas.jobs import STAGES
 from schemas.ladder import AccuracyReport
 from schemas.manifest import StageRecord
 from service.measure.ladder import measure_step, put_together, steps
-from tests.service.test_routes_early import Work, accepted, http, idle  # noqa: F401 - fixtures
+from tests import meshes
+from tests.service.test_routes_early import Work, http, idle  # noqa: F401 - fixtures
 
-__all__ = ["Work"]
+
+@pytest.fixture
+def accepted(idle, http, tmp_path):  # noqa: F811
+    """(address, work): a mesh that nothing has been done for."""
+    write_ply(str(tmp_path / "mesh.ply"), *meshes.bumpy_sphere(2, 0.3))
+    body = (tmp_path / "mesh.ply").read_bytes()
+    mesh = http.post("/v1/meshes", params={"name": "mesh.ply", "hull_faces": 100, "texels": 64}, content=body).json()
+    yield mesh["links"]["self"], Work(idle, mesh["id"])
+    http.delete(mesh["links"]["self"])
 
 
+@pytest.mark.xdist_group("measured mesh")
 def test_a_mesh_that_is_not_measured_yet_says_so(http, accepted):  # noqa: F811
     url, work = accepted
     assert http.get(f"{url}/accuracy").status_code == 409
@@ -29,6 +42,7 @@ def test_where_measuring_is_off_that_is_said(client, knot):
     assert "switched off" in answer.json()["detail"]
 
 
+@pytest.mark.xdist_group("measured mesh")
 def test_a_measured_mesh_tells_its_ladder_and_shows_it(idle, http, accepted):  # noqa: F811
     url, work = accepted
     work.run(*STAGES)
@@ -53,6 +67,7 @@ def test_a_measured_mesh_tells_its_ladder_and_shows_it(idle, http, accepted):  #
         assert connected.accuracy_plot(report.mesh) == plot.content
 
 
+@pytest.mark.xdist_group("measured mesh")
 def test_a_measurement_that_failed_says_why(http, accepted):  # noqa: F811
     url, work = accepted
     work.run(*STAGES)
@@ -75,6 +90,7 @@ def test_a_real_ladder_knows_times_of_this_services_renderer(gpu):
     assert [report.rungs[n].ms for n in report.pareto.outline] == sorted(report.rungs[n].ms for n in report.pareto.outline)
 
 
+@pytest.mark.xdist_group("measured mesh")
 def test_where_other_hulls_failed_that_is_why_nothing_was_measured(http, accepted):  # noqa: F811
     url, work = accepted
     work.run(*STAGES)

@@ -20,6 +20,8 @@ from tests.service.render.laddered import many_ways
 from tests.service.render.made import unclippable
 from tests.service.render.test_level_frames import swollen
 
+pytestmark = pytest.mark.xdist_group("ladder")  # one process measures for all tests
+
 VIEWS, SIZES = 3, (48, 96)
 
 

@@ -184,8 +184,8 @@ def in_its_own_process(root, mesh_id, answers):
 
 
 @pytest.mark.heavy
-def test_the_name_in_the_contract_measures_all_in_a_process_without_a_gl(mesh):
-    store, mesh_id = mesh
+def test_the_name_in_the_contract_measures_all_in_a_process_without_a_gl(tmp_path):
+    store, mesh_id = stored(tmp_path / "store", "spindle")  # of few pixels, so that all views take seconds
     spawn = multiprocessing.get_context("spawn")
     answers = spawn.Queue()
     child = spawn.Process(target=in_its_own_process, args=(store.root, mesh_id, answers))

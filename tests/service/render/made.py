@@ -26,6 +26,7 @@ SHAPES = {
         meshes.sphere(2, 0.5, (-0.8, 0, 0)), meshes.torus(24, 12, 0.6, 0.2), meshes.sphere(2, 0.3, (0.9, 0.4, 0))
     ),
     "cube": lambda: meshes.cube(2),
+    "spindle": lambda: (meshes.sphere(3)[0] * (1.0, 0.12, 0.12), meshes.sphere(3)[1]),
 }
 
 
