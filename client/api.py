@@ -16,19 +16,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import httpx
 from pydantic_core import to_jsonable_python
 
 from client.errors import MeshFailedError, UnreachableError, error_of
-from client.positions import Original, Positions, opened, original_of
 from schemas.access import DEFAULT_SIGNED_S, KeyInfo, KeyPage, MadeKey, SignedUrl
 from schemas.ladder import AccuracyReport
 from schemas.mesh import MeshInfo, MeshPage, MeshStatus, Problem
 from schemas.plan import PlanReport
 from schemas.render import ImageFormat
 from schemas.sequence import SequenceFormat
+
+if TYPE_CHECKING:  # numpy is imported by the calls about vertices alone: it takes a quarter of what a command without any takes to start
+    from client.positions import Original, Positions
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 KEY_VARIABLE = "SILHOUETTE_API_KEY"
@@ -154,6 +156,8 @@ class Client:
 
     def original(self, mesh_id: str) -> Original:
         """The mesh's own vertices, in the order that `positions` come in, and faces."""
+        from client.positions import original_of
+
         return original_of(self.download(mesh_id, "original.glb"))
 
     def render_scene(self, objects: Sequence[Any], **fields: Any) -> bytes:
@@ -242,6 +246,8 @@ class Client:
         """Post a request, in a form with positions where there are any."""
         if positions is None:
             return self._send("POST", address, json=_body(fields), headers=headers, **arguments)
+        from client.positions import opened
+
         request = (None, json.dumps(_body(fields)), "application/json")
         with opened(positions) as file:
             return self._send("POST", address, files={"request": request, "positions": ("positions", file)}, headers=headers, **arguments)

@@ -9,9 +9,12 @@ from pathlib import Path
 import httpx
 import pytest
 
+from backend.local_store import LocalStore
 from client.api import Client
-from client.local import LocalKeys, LocalService
+from client.local import LocalService
 from client.shapes import write_ply
+from schemas.access import NewKey
+from service.access.keys import KeyStore
 from tests import meshes
 
 os.environ["SILHOUETTE_MEASURE"] = "false"  # of all processes that tests start, unless a test is about it
@@ -96,8 +99,8 @@ def knot(client, knot_file):
 def guarded(tmp_path_factory):
     """A service that asks for keys, with one key of each sort."""
     data_dir = tmp_path_factory.mktemp("guarded")
-    keys = LocalKeys(data_dir)
-    tokens = {name: keys.add_key(name, **fields).token for name, fields in GUARDED_KEYS.items()}
+    keys = KeyStore(LocalStore(data_dir / "store"))
+    tokens = {name: keys.add(NewKey(name=name, **fields)).token for name, fields in GUARDED_KEYS.items()}
     with LocalService(data_dir, GUARDED_ENVIRONMENT, ("--workers", "1")) as running:
         yield Guarded(running, tokens)
         assert running.stop() == 0, running.last_words()

@@ -2,8 +2,6 @@
 
 import json
 import subprocess
-import sys
-from pathlib import Path
 
 import httpx
 import pytest
@@ -12,12 +10,13 @@ from client import Client
 from client.errors import ForbiddenError, QuotaError, RequestError, UnauthorizedError
 from client.local import LocalKeys, LocalServiceError
 from schemas.access import Scope
-
-COMMAND = str(Path(sys.executable).with_name("silhouette"))
+from tests.client import command
 
 
 def silhouette(*arguments, **options):
-    return subprocess.run([COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False, **options)
+    """The command, with what it wrote as text."""
+    done = command.silhouette(*arguments, **options)
+    return subprocess.CompletedProcess(done.args, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
 def test_the_first_key_is_made_where_no_service_runs(tmp_path):
