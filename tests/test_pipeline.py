@@ -133,40 +133,29 @@ def test_openapi_describes_every_query_parameter(service):
     assert {"azimuth", "eye", "width", "antialias"} <= {one["name"] for one in parameters}
 
 
-def test_stopped_service_takes_its_children_along_and_starts_again_with_its_meshes(tmp_path):
-    path = tmp_path / "cube.ply"
+def test_meshes_outlive_a_crash_and_a_stop_and_no_child_outlives_its_service(tmp_path):
+    path, data = tmp_path / "cube.ply", tmp_path / "data"
     write_ply(str(path), *meshes.cube())
-    with LocalService(tmp_path / "data", arguments=("--workers", "1")) as service, Client(service.url) as client:
-        children = children_of(service.pid)
-        assert any("worker" in command_line(child) for child in children)
-        mesh = client.wait(client.upload(path, hull_faces=12, texels=64).id, timeout_s=120.0)
-        began = time.monotonic()
-        assert service.stop() == 0
-        assert time.monotonic() - began < 8.0
-        assert gone(children)
-    with LocalService(tmp_path / "data", arguments=("--workers", "0")) as service, Client(service.url) as client:
-        assert client.info(mesh.id).status == "ready"
-        assert rgba(client.render(mesh.id, width=64, height=64))[..., 3].max() == 255
-
-
-def test_killed_parent_takes_the_service_along(tmp_path):
-    service = LocalService(tmp_path / "data", arguments=("--workers", "1"))
-    with service:
-        children = [service.pid, *children_of(service.pid)]
-        service._process.stdin.close()  # what the kernel does when this process is killed
-        service._process.wait(15.0)
-        assert gone(children)
-
-
-def test_mesh_accepted_before_a_crash_is_processed_after_it(tmp_path, knot_file):
-    data = tmp_path / "data"
     with LocalService(data, arguments=("--workers", "0")) as service, Client(service.url) as client:
-        accepted = client.upload(knot_file, hull_faces=200, texels=128)
+        accepted = client.upload(path, hull_faces=12, texels=64)
         children = children_of(service.pid)
         os.kill(service.pid, signal.SIGKILL)
         assert gone(children)
     with LocalService(data, arguments=("--workers", "1")) as service, Client(service.url) as client:
-        assert client.wait(accepted.id, timeout_s=200.0).status == "ready"
+        children = children_of(service.pid)
+        assert any("worker" in command_line(child) for child in children)
+        assert client.wait(accepted.id, timeout_s=200.0).status == "ready", "accepted before the crash, made after it"
+        began = time.monotonic()
+        assert service.stop() == 0
+        assert time.monotonic() - began < 8.0
+        assert gone(children)
+    with LocalService(data, arguments=("--workers", "1")) as service, Client(service.url) as client:
+        assert client.info(accepted.id).status == "ready"
+        assert rgba(client.render(accepted.id, width=64, height=64))[..., 3].max() == 255
+        children = [service.pid, *children_of(service.pid)]
+        service._process.stdin.close()  # what the kernel does when the process that started it is killed
+        service._process.wait(15.0)
+        assert gone(children)
 
 
 def test_port_in_use_is_a_sentence(service, tmp_path):
