@@ -15,7 +15,7 @@ from client.local import LocalService
 from client.shapes import write_ply
 from schemas.access import NewKey
 from service.access.keys import KeyStore
-from tests import meshes
+from tests import meshes, plain_http
 
 os.environ["SILHOUETTE_MEASURE"] = "false"  # of all processes that tests start, unless a test is about it
 os.environ["SILHOUETTE_NICE"] = "0"  # likewise: tests wait for workers, and run beside other tests
@@ -52,7 +52,7 @@ class Guarded:
 
     def http(self, key: str | None = None) -> httpx.Client:
         headers = {} if key is None else {"Authorization": f"Bearer {self.tokens[key]}"}
-        return httpx.Client(base_url=self.running.url, timeout=120.0, headers=headers)
+        return plain_http.Client(base_url=self.running.url, timeout=120.0, headers=headers)
 
 
 @pytest.fixture(scope="session")

@@ -3,13 +3,13 @@
 import json
 import subprocess
 
-import httpx
 import pytest
 
 from client import Client
 from client.errors import ForbiddenError, QuotaError, RequestError, UnauthorizedError
 from client.local import LocalKeys, LocalServiceError
 from schemas.access import Scope
+from tests import plain_http
 from tests.client import command
 
 
@@ -86,7 +86,7 @@ def test_a_signed_address_from_command_and_client_works_without_a_key(guarded, g
     assert run.returncode == 0, run.stderr
     with Client(guarded.running.url, key=guarded.tokens["reader"]) as reader:
         for whole in (run.stdout.strip(), reader.sign(address)):
-            assert httpx.get(whole).content[:4] == b"\x89PNG"
+            assert plain_http.get(whole).content[:4] == b"\x89PNG"
         with pytest.raises(RequestError, match="signed"):
             reader.sign("/v1/meshes")
 

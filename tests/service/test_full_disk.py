@@ -6,12 +6,12 @@ import os
 import signal
 import time
 
-import httpx
 import pytest
 
 from client import Client
 from client.local import LocalService
 from client.shapes import write_ply
+from tests import plain_http
 from tests.disks import mounted
 from tests.meshes import bumpy_sphere
 from tests.test_pipeline import children_of, command_line
@@ -67,7 +67,7 @@ def test_a_full_disk_refuses_uploads_stops_work_and_both_go_on_with_room(disk, t
     with LocalService(disk / "data", ENVIRONMENT, ("--workers", "1")) as service, Client(service.url, timeout_s=60.0) as client:
         before = stored(service.data_dir)
         taken = fill(disk)
-        refused = httpx.post(f"{service.url}/v1/meshes?name=a.ply", content=source.read_bytes(), timeout=60.0)
+        refused = plain_http.post(f"{service.url}/v1/meshes?name=a.ply", content=source.read_bytes(), timeout=60.0)
         assert refused.status_code == 507 and refused.json()["code"] == "storage-full"
         assert stored(service.data_dir) == before
 

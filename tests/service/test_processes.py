@@ -9,7 +9,6 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import httpx
 import numpy as np
 import pytest
 from PIL import Image
@@ -21,7 +20,7 @@ from client.local import LocalService, LocalServiceError
 from client.shapes import write_ply
 from service.processes import environment_of
 from service.settings import ServiceSettings
-from tests import meshes
+from tests import meshes, plain_http
 
 
 def serving(parent: int) -> list[int]:
@@ -51,7 +50,7 @@ def test_all_processes_answer_alike_one_that_is_killed_is_replaced_and_stopping_
         first = serving(pair.pid)
         assert len(first) == 2
         before = [processor_s(pid) for pid in first]
-        images = [np.asarray(Image.open(io.BytesIO(httpx.get(f"{picture}12", timeout=60.0).content))) for _ in range(40)]
+        images = [np.asarray(Image.open(io.BytesIO(plain_http.get(f"{picture}12", timeout=60.0).content))) for _ in range(40)]
         assert all(np.array_equal(images[0], image) for image in images)
         assert images[0][..., 3].any()
         assert all(processor_s(pid) > spent for pid, spent in zip(first, before, strict=True)), "each has answered some"
@@ -60,9 +59,9 @@ def test_all_processes_answer_alike_one_that_is_killed_is_replaced_and_stopping_
         deadline = time.monotonic() + 60.0
         while len(serving(pair.pid)) < 2 or first[0] in serving(pair.pid):
             assert time.monotonic() < deadline
-            assert httpx.get(f"{picture}13", timeout=60.0).status_code == 200
+            assert plain_http.get(f"{picture}13", timeout=60.0).status_code == 200
             time.sleep(0.02)
-        assert Counter(httpx.get(f"{picture}{n}", timeout=60.0).status_code for n in range(20)) == {200: 20}
+        assert Counter(plain_http.get(f"{picture}{n}", timeout=60.0).status_code for n in range(20)) == {200: 20}
 
         pids = [*serving(pair.pid), pair.pid]
         assert len(pids) == 3
