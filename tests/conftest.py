@@ -66,6 +66,16 @@ def gpu():
 
 
 @pytest.fixture(scope="session")
+def routes() -> list[tuple[str, str]]:
+    """(method, path) of every call in the service's document."""
+    from service.app import create_app
+    from service.settings import ServiceSettings
+
+    paths = create_app(ServiceSettings()).openapi()["paths"]
+    return [(method.upper(), path) for path, methods in paths.items() for method in methods]
+
+
+@pytest.fixture(scope="session")
 def service(tmp_path_factory):
     """A service of its own with one worker; refuses uploads over MAX_UPLOAD_MIB."""
     environment = {"SILHOUETTE_MAX_UPLOAD_MIB": str(MAX_UPLOAD_MIB), "SILHOUETTE_WARM_KERNELS": "0", "SILHOUETTE_MEASURE": "0"}

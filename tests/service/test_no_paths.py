@@ -8,8 +8,6 @@ import httpx
 import pytest
 
 from client.shapes import write_ply
-from service.app import create_app
-from service.settings import ServiceSettings
 from tests import meshes, plain_http
 from tests.conftest import MAX_UPLOAD_MIB
 
@@ -66,11 +64,6 @@ def said(answer: httpx.Response) -> str:
     return answer.text + "".join(f"{name}: {value}\n" for name, value in answer.headers.items())
 
 
-def routes() -> list[tuple[str, str]]:
-    paths = create_app(ServiceSettings()).openapi()["paths"]
-    return [(method.upper(), path) for path, methods in paths.items() for method in methods]
-
-
 def settled(http, mesh_id):
     deadline = time.monotonic() + 120
     while (mesh := http.get(f"/v1/meshes/{mesh_id}").json())["status"] not in ("ready", "failed"):
@@ -79,9 +72,9 @@ def settled(http, mesh_id):
     return mesh
 
 
-def test_no_route_says_where_it_is_whatever_it_is_asked(http, needles, knot):
+def test_no_route_says_where_it_is_whatever_it_is_asked(http, needles, knot, routes):
     seen = {}
-    for method, path in routes():
+    for method, path in routes:
         ids = [("0" * 32, "png"), ("..%2F..%2Fetc%2Fpasswd", "..%2F"), (knot.id, "gif")] if "{" in path else [("", "")]
         for mesh_id, name in ids:
             if method == "DELETE" and mesh_id == knot.id:
