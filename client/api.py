@@ -10,25 +10,28 @@ from __future__ import annotations
 
 import json
 import os
+import ssl
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import httpx
 from pydantic_core import to_jsonable_python
 
 from client.errors import MeshFailedError, UnreachableError, error_of
-from client.positions import Original, Positions, opened, original_of
 from schemas.access import DEFAULT_SIGNED_S, KeyInfo, KeyPage, MadeKey, SignedUrl
 from schemas.ladder import AccuracyReport
 from schemas.mesh import MeshInfo, MeshPage, MeshStatus, Problem
 from schemas.plan import PlanReport
 from schemas.render import ImageFormat
 from schemas.sequence import SequenceFormat
+
+if TYPE_CHECKING:  # numpy is imported by the calls about vertices alone: it takes a quarter of what a command without any takes to start
+    from client.positions import Original, Positions
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 KEY_VARIABLE = "SILHOUETTE_API_KEY"
@@ -76,7 +79,9 @@ class Client:
         self.base_url = base_url.rstrip("/")
         key = key or os.environ.get(KEY_VARIABLE)
         headers = {"Authorization": f"Bearer {key}"} if key else {}
-        self._http = httpx.Client(base_url=self.base_url, timeout=httpx.Timeout(timeout_s, connect=5.0), headers=headers)
+        tls = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT) if self.base_url.startswith("http://") else True
+        # where there is no TLS the authorities it trusts are not read, which takes longer than most calls
+        self._http = httpx.Client(base_url=self.base_url, timeout=httpx.Timeout(timeout_s, connect=5.0), headers=headers, verify=tls)
 
     def __enter__(self) -> Self:
         return self
@@ -154,6 +159,8 @@ class Client:
 
     def original(self, mesh_id: str) -> Original:
         """The mesh's own vertices, in the order that `positions` come in, and faces."""
+        from client.positions import original_of
+
         return original_of(self.download(mesh_id, "original.glb"))
 
     def render_scene(self, objects: Sequence[Any], **fields: Any) -> bytes:
@@ -242,6 +249,8 @@ class Client:
         """Post a request, in a form with positions where there are any."""
         if positions is None:
             return self._send("POST", address, json=_body(fields), headers=headers, **arguments)
+        from client.positions import opened
+
         request = (None, json.dumps(_body(fields)), "application/json")
         with opened(positions) as file:
             return self._send("POST", address, files={"request": request, "positions": ("positions", file)}, headers=headers, **arguments)

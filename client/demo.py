@@ -20,7 +20,6 @@ from rich.table import Table
 from client.api import Client
 from client.local import LocalService
 from client.progress import upload_and_wait
-from client.shapes import torus_knot, write_ply
 from schemas.mesh import MeshInfo, StageStatus
 
 SIZE = 512
@@ -70,6 +69,8 @@ def run_demo(mesh_path: Path | None, folder: Path, console: Console) -> None:
 
 
 def _knot(folder: Path, console: Console) -> Path:
+    from client.shapes import torus_knot, write_ply
+
     with console.status("generating a torus knot of 185,856 faces"):
         path = folder / "knot.ply"
         write_ply(str(path), *torus_knot())

@@ -9,10 +9,13 @@ from pathlib import Path
 import httpx
 import pytest
 
+from backend.local_store import LocalStore
 from client.api import Client
-from client.local import LocalKeys, LocalService
+from client.local import LocalService
 from client.shapes import write_ply
-from tests import meshes
+from schemas.access import NewKey
+from service.access.keys import KeyStore
+from tests import meshes, plain_http
 
 os.environ["SILHOUETTE_MEASURE"] = "false"  # of all processes that tests start, unless a test is about it
 os.environ["SILHOUETTE_WARM_RENDERER"] = "false"  # likewise: most services of tests draw little, and end soon
@@ -50,7 +53,7 @@ class Guarded:
 
     def http(self, key: str | None = None) -> httpx.Client:
         headers = {} if key is None else {"Authorization": f"Bearer {self.tokens[key]}"}
-        return httpx.Client(base_url=self.running.url, timeout=120.0, headers=headers)
+        return plain_http.Client(base_url=self.running.url, timeout=120.0, headers=headers)
 
 
 @pytest.fixture(scope="session")
@@ -61,6 +64,16 @@ def gpu():
     gpu = Gpu(64)
     yield gpu
     gpu.release()
+
+
+@pytest.fixture(scope="session")
+def routes() -> list[tuple[str, str]]:
+    """(method, path) of every call in the service's document."""
+    from service.app import create_app
+    from service.settings import ServiceSettings
+
+    paths = create_app(ServiceSettings()).openapi()["paths"]
+    return [(method.upper(), path) for path, methods in paths.items() for method in methods]
 
 
 @pytest.fixture(scope="session")
@@ -97,8 +110,8 @@ def knot(client, knot_file):
 def guarded(tmp_path_factory):
     """A service that asks for keys, with one key of each sort."""
     data_dir = tmp_path_factory.mktemp("guarded")
-    keys = LocalKeys(data_dir)
-    tokens = {name: keys.add_key(name, **fields).token for name, fields in GUARDED_KEYS.items()}
+    keys = KeyStore(LocalStore(data_dir / "store"))
+    tokens = {name: keys.add(NewKey(name=name, **fields)).token for name, fields in GUARDED_KEYS.items()}
     with LocalService(data_dir, GUARDED_ENVIRONMENT, ("--workers", "1")) as running:
         yield Guarded(running, tokens)
         assert running.stop() == 0, running.last_words()

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import orjson
 import typer
 from rich.table import Column, Table
@@ -15,7 +13,6 @@ from client.api import DEFAULT_URL, Client
 from client.commands.choosing import IdArgument, Key, Url, chosen
 from client.commands.console import err, escaped, out, print_json, write
 from client.commands.viewing import by_suffix
-from client.positions import original_of
 from client.progress import upload_and_wait
 from schemas.artifacts import ORIGINAL_GLB
 from schemas.mesh import DEFAULT_HULL_FACES, DEFAULT_TEXELS, MeshInfo
@@ -132,9 +129,10 @@ def original(
     with chosen(url, mesh, key) as (client, mesh_id):
         body = client.download(mesh_id, ORIGINAL_GLB)
     if as_array:
-        array_file = io.BytesIO()
-        np.save(array_file, original_of(body).positions, allow_pickle=False)
-        body = array_file.getvalue()
+        from client.positions import opened, original_of
+
+        with opened(original_of(body).positions) as array_file:
+            body = array_file.read()
     write(output, body, f"{len(body) / 1024:.1f} KiB")
 
 

@@ -7,9 +7,8 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from client.api import DEFAULT_URL
@@ -17,10 +16,12 @@ from client.commands.choosing import Key, MeshArgument, Url, chosen
 from client.commands.console import err, write
 from client.commands.pictures import lines_of
 from client.commands.viewing import Azimuth, Elevation, Eye, Fov, Moved, Size, Target, by_suffix, camera_of, sides_of
-from client.positions import Positions
 from schemas.lines import LineMethod
 from schemas.render import Fill, ShadingMode
 from schemas.sequence import SequenceFormat
+
+if TYPE_CHECKING:
+    from client.positions import Positions
 
 SUFFIXES = {".webp": SequenceFormat.WEBP, ".apng": SequenceFormat.APNG, ".png": SequenceFormat.APNG, ".zip": SequenceFormat.ZIP}
 
@@ -133,6 +134,8 @@ def _draw(film: Film, mesh: str, fields: dict[str, Any], positions: Path | None 
     with chosen(film.url, mesh, film.key) as (client, mesh_id), err.status("frames are being drawn"):
         moved: Positions | None = positions
         if file_order and positions is not None:
+            import numpy as np
+
             moved = client.original(mesh_id).ordered(np.load(positions, allow_pickle=False))
         drawn = client.frames(mesh_id, positions=moved, format=form, **fields)
     write(film.output, drawn.body, f"{drawn.frame_ms:.0f} ms, {len(drawn.body) / 1024:.0f} KiB: {drawn.plan} ({drawn.accuracy})")

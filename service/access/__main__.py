@@ -13,7 +13,6 @@ from backend.stores import open_store
 from schemas.access import KeyPage, NewKey
 from schemas.errors import SilhouetteError
 from service.access.keys import KeyStore
-from service.errors import invalid_fields
 
 
 def main() -> int:
@@ -32,6 +31,8 @@ def main() -> int:
     try:
         _run(flags, KeyStore(open_store(settings)))
     except ValidationError as error:
+        from service.errors import invalid_fields  # only now: with it comes the whole web framework
+
         return _fail(*(f"{fault['field']}: {fault['message']}" for fault in invalid_fields(error.errors())))
     except SilhouetteError as error:
         return _fail(error.message)

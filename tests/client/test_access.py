@@ -2,22 +2,21 @@
 
 import json
 import subprocess
-import sys
-from pathlib import Path
 
-import httpx
 import pytest
 
 from client import Client
 from client.errors import ForbiddenError, QuotaError, RequestError, UnauthorizedError
 from client.local import LocalKeys, LocalServiceError
 from schemas.access import Scope
-
-COMMAND = str(Path(sys.executable).with_name("silhouette"))
+from tests import plain_http
+from tests.client import command
 
 
 def silhouette(*arguments, **options):
-    return subprocess.run([COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False, **options)
+    """The command, with what it wrote as text."""
+    done = command.silhouette(*arguments, **options)
+    return subprocess.CompletedProcess(done.args, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
 def test_the_first_key_is_made_where_no_service_runs(tmp_path):
@@ -87,7 +86,7 @@ def test_a_signed_address_from_command_and_client_works_without_a_key(guarded, g
     assert run.returncode == 0, run.stderr
     with Client(guarded.running.url, key=guarded.tokens["reader"]) as reader:
         for whole in (run.stdout.strip(), reader.sign(address)):
-            assert httpx.get(whole).content[:4] == b"\x89PNG"
+            assert plain_http.get(whole).content[:4] == b"\x89PNG"
         with pytest.raises(RequestError, match="signed"):
             reader.sign("/v1/meshes")
 

@@ -11,7 +11,7 @@ from backend import records
 from backend.local_store import LocalStore
 from client.errors import NotReadyError, RequestError
 from schemas.manifest import StageRecord
-from tests.client.test_cli import silhouette
+from tests.client.command import silhouette
 from tests.conftest import HULL_FACES
 from tests.service.accuracy.ladders import a_ladder, a_report
 

@@ -1,22 +1,14 @@
-"""The command as people and scripts run it: in a process of its own, through pipes."""
+"""The command as people and scripts run it; in a process of its own, through pipes, where that is the claim."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from client.cli import COMMANDS
-
-
-def silhouette(*arguments, url=None, **options):
-    """Run the installed command."""
-    command = [str(Path(sys.executable).with_name("silhouette")), *map(str, arguments)]
-    if url:
-        command += ["--url", url]
-    return subprocess.run(command, capture_output=True, timeout=250, check=False, **options)
+from client.shapes import write_ply
+from tests import meshes
+from tests.client.command import silhouette, silhouette_process
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -27,7 +19,7 @@ def test_help_of_every_command_has_an_example(command):
 
 
 def test_upload_prints_the_id_alone_and_progress_elsewhere(service, knot, knot_file):
-    run = silhouette("upload", knot_file, "--hull-faces", 200, "--texels", 256, url=service.url)
+    run = silhouette_process("upload", knot_file, "--hull-faces", 200, "--texels", 256, url=service.url)
     assert run.stdout.decode().strip() == knot.id
     assert b"load" in run.stderr
     assert b"\x1b" not in run.stdout + run.stderr, "no terminal codes in a pipe"
@@ -41,12 +33,13 @@ def test_render_by_beginning_of_the_id(service, knot, tmp_path):
 
 
 def test_render_to_stdout_is_png_and_nothing_else(service, knot):
-    run = silhouette("render", knot.id, "-o", "-", "--eye", "0,0,12", "--size", 32, url=service.url)
+    run = silhouette_process("render", knot.id, "-o", "-", "--eye", "0,0,12", "--size", 32, url=service.url)
     assert run.stdout[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_render_of_a_file_uploads_it_first(service, tmp_path, knot_file):
-    run = silhouette("render", knot_file, "-o", tmp_path / "k.png", "--size", 64, url=service.url)
+def test_render_of_a_file_uploads_it_first(service, tmp_path):
+    write_ply(str(tmp_path / "cube.ply"), *meshes.cube())
+    run = silhouette("render", tmp_path / "cube.ply", "-o", tmp_path / "k.png", "--size", 64, url=service.url)
     assert run.returncode == 0, run.stderr
     assert (tmp_path / "k.png").stat().st_size > 100
 
@@ -141,7 +134,7 @@ def test_fault_is_one_line_and_exit_code_1(service, knot, tmp_path, arguments, w
 
 
 def test_service_that_is_not_there_is_one_line():
-    run = silhouette("list", url="http://127.0.0.1:9")
+    run = silhouette_process("list", url="http://127.0.0.1:9")
     assert run.returncode == 1
     assert run.stderr.decode().startswith("error No silhouette service answers")
     assert "Traceback" not in run.stderr.decode()
@@ -156,18 +149,17 @@ def test_unusable_file_is_one_line(service, tmp_path):
     assert run.stderr.decode().strip().splitlines()[-1].startswith("error ")
 
 
-def test_scene_of_ids_and_files_beside_it(service, knot, knot_file, tmp_path):
-    (tmp_path / "copy.ply").write_bytes(knot_file.read_bytes())
-    scene = {"width": 90, "objects": [{"mesh": knot.id[:10]}, {"mesh": "copy.ply", "transform": {"translate": [0, 0, -20]}}]}
+def test_scene_of_ids_and_files_beside_it(service, knot, tmp_path):
+    write_ply(str(tmp_path / "cube.ply"), *meshes.cube())
+    scene = {"width": 90, "objects": [{"mesh": knot.id[:10]}, {"mesh": "cube.ply", "transform": {"translate": [0, 0, -20]}}]}
     (tmp_path / "scene.json").write_text(json.dumps(scene))
     run = silhouette("scene", tmp_path / "scene.json", "-o", tmp_path / "s.png", url=service.url)
     assert run.returncode == 0, run.stderr
     assert b"layer[1]" in run.stderr
     with Image.open(tmp_path / "s.png") as image:
         assert image.size == (90, 512)
-    piped = silhouette(
-        "scene", "-", "-o", "-", "--size", "40x30", url=service.url, input=json.dumps({"objects": [{"mesh": knot.id}]}).encode()
-    )
+    said = json.dumps({"objects": [{"mesh": knot.id}]}).encode()
+    piped = silhouette_process("scene", "-", "-o", "-", "--size", "40x30", url=service.url, said=said)
     assert piped.stdout[:8] == b"\x89PNG\r\n\x1a\n"
     (tmp_path / "scene.json").write_text(json.dumps(scene | {"lines": {}}))
     lined = silhouette("scene", tmp_path / "scene.json", "-o", tmp_path / "s.png", url=service.url)

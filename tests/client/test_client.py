@@ -15,15 +15,17 @@ from client.errors import (
     UnknownFormatError,
     UnreachableError,
 )
+from client.shapes import write_ply
 from schemas.render import Camera
+from tests import meshes
 from tests.conftest import HULL_FACES, MAX_UPLOAD_MIB, TEXELS
 
 
-def test_upload_reports_every_byte_and_wait_every_stage(client, tmp_path, knot_file):
-    path = tmp_path / "copy.ply"
-    path.write_bytes(knot_file.read_bytes())
+def test_upload_reports_every_byte_and_wait_every_stage(client, tmp_path):
+    path = tmp_path / "cube.ply"
+    write_ply(str(path), *meshes.cube(3))
     sent, seen = [], []
-    accepted = client.upload(path, on_progress=lambda done, total: sent.append((done, total)), hull_faces=150, texels=TEXELS)
+    accepted = client.upload(path, on_progress=lambda done, total: sent.append((done, total)), hull_faces=40, texels=64)
     mesh = client.wait(accepted.id, on_progress=seen.append, timeout_s=120.0)
     assert sent[-1] == (path.stat().st_size, path.stat().st_size)
     assert seen[-1].status == mesh.status == "ready"

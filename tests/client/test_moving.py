@@ -10,7 +10,7 @@ from PIL import Image
 from client.errors import RequestError
 from client.positions import original_of
 from tests import meshes
-from tests.client.test_cli import silhouette
+from tests.client.command import silhouette, silhouette_process
 from tests.service.render.moved import bent
 
 VIEW = {"camera": {"eye": [9.0, 6.0, 12.0]}, "width": 96, "height": 80}
@@ -72,7 +72,7 @@ def test_frames_of_moving_vertices(client, knot, original):
 
 
 def test_turntable_command(service, knot, tmp_path):
-    run = silhouette("turntable", knot.id[:10], "-o", tmp_path / "t.webp", "--frames", 5, "--size", "40x30", url=service.url)
+    run = silhouette_process("turntable", knot.id[:10], "-o", tmp_path / "t.webp", "--frames", 5, "--size", "40x30", url=service.url)
     assert run.returncode == 0, run.stderr
     assert b"\x1b" not in run.stderr + run.stdout, "no terminal codes in a pipe"
     with Image.open(tmp_path / "t.webp") as film:

@@ -3,17 +3,16 @@
 import hashlib
 import time
 
-import httpx
 import pytest
 
 from client.shapes import write_ply
 from schemas import artifacts
-from tests import meshes
+from tests import meshes, plain_http
 
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=120.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=120.0) as connection:
         yield connection
 
 

@@ -2,15 +2,15 @@
 
 import time
 
-import httpx
 import pytest
 
 from client.local import LocalService
+from tests import plain_http
 
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=60.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=60.0) as connection:
         yield connection
 
 
@@ -55,7 +55,7 @@ def limited(tmp_path_factory):
     """A service without keys that limits addresses, and believes the proxy on this machine."""
     environment = {"SILHOUETTE_ADDRESS_REQUESTS_PER_MINUTE": str(A_MINUTE), "SILHOUETTE_ADDRESS_CONCURRENT_RENDERS": "1"}
     with LocalService(tmp_path_factory.mktemp("limited"), environment, ("--workers", "0")) as running:
-        with httpx.Client(base_url=running.url, timeout=60.0) as connection:
+        with plain_http.Client(base_url=running.url, timeout=60.0) as connection:
             yield connection
         assert running.stop() == 0, running.last_words()
 
@@ -64,6 +64,7 @@ def of(address):
     return {"X-Forwarded-For": address}
 
 
+@pytest.mark.xdist_group("limited")
 def test_an_address_has_its_requests_a_minute_and_takes_none_from_others(limited):
     answers = [limited.get("/v1/meshes", headers=of("192.0.2.1")) for _ in range(A_MINUTE + 1)]
     assert [answer.status_code for answer in answers] == [200] * A_MINUTE + [429]
@@ -74,6 +75,7 @@ def test_an_address_has_its_requests_a_minute_and_takes_none_from_others(limited
     assert limited.get("/healthz", headers=of("192.0.2.1")).status_code == 200, "who watches the process is not counted"
 
 
+@pytest.mark.xdist_group("limited")
 def test_addresses_of_one_ipv6_network_are_one(limited):
     answers = [limited.get("/v1/meshes", headers=of(f"2001:db8::{number}")).status_code for number in range(A_MINUTE + 1)]
     assert answers == [200] * A_MINUTE + [429]
@@ -84,6 +86,7 @@ class LeavingError(Exception):
     """The client's own."""
 
 
+@pytest.mark.xdist_group("limited")
 def test_an_address_has_its_pictures_in_work_at_once(limited):
     """The first picture is one of a mesh whose bytes are still on their way."""
 
@@ -101,5 +104,5 @@ def test_an_address_has_its_pictures_in_work_at_once(limited):
         return limited.post("/v1/render?name=a.blend", content=b"no mesh", headers=of(address))
 
     # a connection of its own: one that has been idle for long may be closed by the service just when it is used again
-    with pytest.raises(LeavingError), httpx.Client(base_url=limited.base_url) as other:
+    with pytest.raises(LeavingError), plain_http.Client(base_url=limited.base_url) as other:
         other.post("/v1/render?name=a.ply", content=slowly(), headers=of("192.0.2.3"))

@@ -9,7 +9,6 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import httpx
 import numpy as np
 import pytest
 from PIL import Image
@@ -21,7 +20,7 @@ from client.local import LocalService, LocalServiceError
 from client.shapes import write_ply
 from service.processes import environment_of
 from service.settings import ServiceSettings
-from tests import meshes
+from tests import meshes, plain_http
 
 
 def serving(parent: int) -> list[int]:
@@ -37,23 +36,21 @@ def serving(parent: int) -> list[int]:
     return sorted(found)
 
 
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory):
-    environment = {"SILHOUETTE_MEASURE": "false"}
-    with LocalService(tmp_path_factory.mktemp("pair"), environment, ("--workers", "1", "--processes", "2")) as running:
-        yield running
+def alive(pids: list[int]) -> list[int]:
+    return [pid for pid in pids if Path(f"/proc/{pid}").exists()]
 
 
-def test_all_processes_answer_alike_and_one_that_is_killed_is_replaced(pair, tmp_path):
+def test_all_processes_answer_alike_one_that_is_killed_is_replaced_and_stopping_the_first_stops_all(tmp_path):
     path = tmp_path / "torus.ply"
     write_ply(str(path), *meshes.torus())
-    with Client(pair.url) as client:
-        mesh = client.wait(client.upload(path).id)
+    arguments = ("--workers", "1", "--processes", "2")
+    with LocalService(tmp_path / "data", {"SILHOUETTE_MEASURE": "false"}, arguments) as pair, Client(pair.url) as client:
+        mesh = client.wait(client.upload(path, hull_faces=60, texels=64).id, timeout_s=200.0)
         picture = f"{pair.url}/v1/meshes/{mesh.id}/render.png?width=64&height=64&azimuth="
         first = serving(pair.pid)
         assert len(first) == 2
         before = [processor_s(pid) for pid in first]
-        images = [np.asarray(Image.open(io.BytesIO(httpx.get(f"{picture}12", timeout=60.0).content))) for _ in range(40)]
+        images = [np.asarray(Image.open(io.BytesIO(plain_http.get(f"{picture}12", timeout=60.0).content))) for _ in range(40)]
         assert all(np.array_equal(images[0], image) for image in images)
         assert images[0][..., 3].any()
         assert all(processor_s(pid) > spent for pid, spent in zip(first, before, strict=True)), "each has answered some"
@@ -62,16 +59,14 @@ def test_all_processes_answer_alike_and_one_that_is_killed_is_replaced(pair, tmp
         deadline = time.monotonic() + 60.0
         while len(serving(pair.pid)) < 2 or first[0] in serving(pair.pid):
             assert time.monotonic() < deadline
-            assert httpx.get(f"{picture}13", timeout=60.0).status_code == 200
-        assert Counter(httpx.get(f"{picture}{n}", timeout=60.0).status_code for n in range(20)) == {200: 20}
+            assert plain_http.get(f"{picture}13", timeout=60.0).status_code == 200
+            time.sleep(0.02)
+        assert Counter(plain_http.get(f"{picture}{n}", timeout=60.0).status_code for n in range(20)) == {200: 20}
 
-
-def test_stopping_the_first_stops_all(tmp_path):
-    with LocalService(tmp_path, {}, ("--workers", "0", "--processes", "2")) as running:
-        pids = [*serving(running.pid), running.pid]
+        pids = [*serving(pair.pid), pair.pid]
         assert len(pids) == 3
-        assert running.stop() == 0
-    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+        assert pair.stop() == 0
+        assert not alive(pids)
 
 
 def test_killing_the_first_kills_all(tmp_path):
@@ -79,7 +74,7 @@ def test_killing_the_first_kills_all(tmp_path):
         pids = serving(running.pid)
         os.kill(running.pid, signal.SIGKILL)
         deadline = time.monotonic() + 15.0
-        while any(Path(f"/proc/{pid}").exists() for pid in pids):
+        while alive(pids):
             assert time.monotonic() < deadline
             time.sleep(0.05)
 

@@ -4,7 +4,6 @@ import io
 import logging
 import time
 
-import httpx
 import numpy as np
 import pytest
 from PIL import Image
@@ -20,12 +19,14 @@ from client.shapes import write_ply
 from schemas.jobs import LATER_STAGES, STAGES
 from schemas.manifest import StageRecord
 from service.meshes import RECENT_S
-from tests import meshes
+from tests import meshes, plain_http
 from tests.ladders import small_ladder
 from tests.worker.test_jobs import opened_box
 from worker.jobs import run_and_record
 
 REVALIDATE = "no-cache"
+
+pytestmark = pytest.mark.xdist_group("early")
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def idle(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def http(idle):
-    with httpx.Client(base_url=idle.url, timeout=250.0) as connection:
+    with plain_http.Client(base_url=idle.url, timeout=250.0) as connection:
         yield connection
 
 
@@ -70,9 +71,9 @@ class Work:
 @pytest.fixture
 def accepted(idle, http, tmp_path):
     """(address, work): a mesh that nothing has been done for."""
-    write_ply(str(tmp_path / "mesh.ply"), *meshes.bumpy_sphere(4, 0.3))
+    write_ply(str(tmp_path / "mesh.ply"), *meshes.bumpy_sphere(3, 0.3))
     body = (tmp_path / "mesh.ply").read_bytes()
-    mesh = http.post("/v1/meshes", params={"name": "mesh.ply", "hull_faces": 400, "texels": 128}, content=body).json()
+    mesh = http.post("/v1/meshes", params={"name": "mesh.ply", "hull_faces": 100, "texels": 64}, content=body).json()
     yield mesh["links"]["self"], Work(idle, mesh["id"])
     http.delete(mesh["links"]["self"])
 

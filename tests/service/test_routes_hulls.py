@@ -2,19 +2,18 @@
 
 import io
 
-import httpx
 import numpy as np
 import pytest
 import trimesh
 
 from client.errors import RequestError
-from tests import meshes
+from tests import meshes, plain_http
 from worker.enclosure import enclosure_fault
 
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=60.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=60.0) as connection:
         yield connection
 
 

@@ -7,14 +7,13 @@ import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import httpx
 import numpy as np
 import pytest
 
 from client.errors import MeshFailedError
 from client.shapes import write_ply
 from schemas.jobs import STAGES
-from tests import meshes
+from tests import meshes, plain_http
 from tests.conftest import HULL_FACES, MAX_UPLOAD_MIB, TEXELS
 
 OPTIONS = {"hull_faces": HULL_FACES, "texels": TEXELS}
@@ -22,7 +21,7 @@ OPTIONS = {"hull_faces": HULL_FACES, "texels": TEXELS}
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=60.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=60.0) as connection:
         yield connection
 
 
@@ -211,7 +210,7 @@ def test_same_upload_at_the_same_time_is_accepted_once(http, service, tmp_path):
     body = ply(tmp_path, meshes.sphere(1, 8.0))
 
     def post(_):
-        return httpx.post(f"{service.url}/v1/meshes", params={"name": "s.ply", **OPTIONS}, content=body, timeout=60.0)
+        return plain_http.post(f"{service.url}/v1/meshes", params={"name": "s.ply", **OPTIONS}, content=body, timeout=60.0)
 
     with ThreadPoolExecutor(6) as pool:
         answers = list(pool.map(post, range(6)))

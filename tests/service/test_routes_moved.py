@@ -4,7 +4,6 @@ import io
 import json
 import zipfile
 
-import httpx
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +11,7 @@ from PIL import Image
 
 from client.shapes import write_ply
 from schemas.sequence import SequenceRequest
-from tests import meshes, oracles
+from tests import meshes, oracles, plain_http
 from tests.conftest import MAX_UPLOAD_MIB
 from tests.service.render.moved import bent, rotated
 
@@ -22,7 +21,7 @@ LINED = {"lines": {"ridge": {"color": "#ff0000"}, "ridge_deg": 30}}
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=120.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=120.0) as connection:
         yield connection
 
 

@@ -3,7 +3,6 @@
 import io
 import json
 
-import httpx
 import numpy as np
 import pytest
 from PIL import Image
@@ -11,13 +10,13 @@ from PIL import Image
 from backend import once
 from backend.local_store import LocalStore
 from client.shapes import write_ply
-from tests import meshes, oracles
+from tests import meshes, oracles, plain_http
 from tests.conftest import MAX_UPLOAD_MIB
 
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=120.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=120.0) as connection:
         yield connection
 
 

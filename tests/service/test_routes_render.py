@@ -9,14 +9,14 @@ import pytest
 from PIL import Image
 
 from client.shapes import write_ply
-from tests import meshes
+from tests import meshes, plain_http
 
 ORBIT = {"orbit": {"azimuth_deg": 30.0, "elevation_deg": 20.0}}
 
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=120.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=120.0) as connection:
         yield connection
 
 

@@ -6,7 +6,6 @@ import io
 import json
 import re
 
-import httpx
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,14 +13,14 @@ from PIL import Image
 from client.errors import NotFoundError, RequestError
 from client.shapes import write_ply
 from schemas.scene import SceneRequest
-from tests import meshes
+from tests import meshes, plain_http
 
 URL = "/v1/scenes/render"
 
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=120.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=120.0) as connection:
         yield connection
 
 

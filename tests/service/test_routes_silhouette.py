@@ -2,7 +2,6 @@
 
 import xml.etree.ElementTree as ElementTree
 
-import httpx
 import numpy as np
 import pytest
 
@@ -10,7 +9,7 @@ from client.shapes import write_ply
 from geometry.silhouettes import silhouette_scalar
 from geometry.topology import build_edges
 from schemas.conventions import Frame
-from tests import meshes
+from tests import meshes, plain_http
 from tests.service.test_lines import grid
 
 EYE = {"eye": [1.0, 2.0, 14.0], "target": [0.0, 0.0, 0.0]}
@@ -18,7 +17,7 @@ EYE = {"eye": [1.0, 2.0, 14.0], "target": [0.0, 0.0, 0.0]}
 
 @pytest.fixture(scope="module")
 def http(service):
-    with httpx.Client(base_url=service.url, timeout=120.0) as connection:
+    with plain_http.Client(base_url=service.url, timeout=120.0) as connection:
         yield connection
 
 

@@ -11,19 +11,17 @@ from client.shapes import write_ply
 from service.access.keys import REMEMBERED_S
 from service.access.scopes import OPEN, scope_of
 from service.access.tokens import parse_token
-from service.app import create_app
-from service.settings import ServiceSettings
 from tests import meshes
 from tests.conftest import GUARDED_KEYS, ORIGIN
 
 PAGES = ("/", "/docs", "/openapi.json", "/page/style.css", "/no/such/page")
 
 
-def calls() -> list[tuple[str, str]]:
+@pytest.fixture(scope="module")
+def calls(routes) -> list[tuple[str, str]]:
     """(method, address) of every route."""
-    paths = create_app(ServiceSettings()).openapi()["paths"]
     names = {"mesh_id": "0" * 32, "key_id": "0" * 16, "suffix": "png", "name": "hull.glb"}
-    return [(method.upper(), path.format(**names)) for path, methods in paths.items() for method in methods]
+    return [(method, path.format(**names)) for method, path in routes]
 
 
 def ply_of(folder, mesh) -> bytes:
@@ -51,8 +49,8 @@ def fresh(guarded):
 # ---- who comes in ----
 
 
-def test_without_a_key_every_address_but_health_is_401(anyone):
-    for method, address in [*calls(), *(("GET", page) for page in PAGES)]:
+def test_without_a_key_every_address_but_health_is_401(anyone, calls):
+    for method, address in [*calls, *(("GET", page) for page in PAGES)]:
         answer = anyone.request(method, address)
         assert answer.status_code == (200 if address in OPEN else 401), address
         if address not in OPEN:
@@ -62,9 +60,9 @@ def test_without_a_key_every_address_but_health_is_401(anyone):
 
 
 @pytest.mark.parametrize("key", ["reader", "writer", "admin"])
-def test_a_key_comes_as_far_as_its_scope_and_hears_which_one_is_missing(guarded, key):
+def test_a_key_comes_as_far_as_its_scope_and_hears_which_one_is_missing(guarded, calls, key):
     with guarded.http(key) as http:
-        for method, address in calls():
+        for method, address in calls:
             if address in OPEN:
                 continue
             needed = scope_of(method, address).value

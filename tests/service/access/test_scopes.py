@@ -1,11 +1,7 @@
 """Every route needs the scope it should: one that is new must be put into a table here."""
 
-import pytest
-
 from schemas.access import Scope
 from service.access.scopes import OPEN, is_picture, scope_of
-from service.app import create_app
-from service.settings import ServiceSettings
 
 WRITES = {("POST", "/v1/meshes"), ("DELETE", "/v1/meshes/{mesh_id}"), ("POST", "/v1/render"), ("POST", "/v1/silhouette")}
 ADMINISTERS = {
@@ -22,12 +18,6 @@ READS_BY_POST = {
     ("POST", "/v1/scenes/render"),
     ("POST", "/v1/sign"),
 }
-
-
-@pytest.fixture(scope="module")
-def routes():
-    paths = create_app(ServiceSettings()).openapi()["paths"]
-    return {(method.upper(), path) for path, calls in paths.items() for method in calls}
 
 
 def filled(path):

@@ -8,7 +8,6 @@ import time
 import uuid
 from pathlib import Path
 
-import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -16,7 +15,7 @@ from client import Client
 from client.errors import NotFoundError
 from client.local import LocalService
 from client.shapes import write_ply
-from tests import meshes
+from tests import meshes, plain_http
 
 
 def samples(text):
@@ -24,7 +23,7 @@ def samples(text):
 
 
 def metrics_of(service):
-    return samples(httpx.get(f"{service.url}/metrics", timeout=60.0).raise_for_status().text)
+    return samples(plain_http.get(f"{service.url}/metrics", timeout=60.0).raise_for_status().text)
 
 
 def lines(service):
@@ -32,15 +31,15 @@ def lines(service):
 
 
 def test_an_id_that_is_given_is_kept_and_another_is_made(service):
-    kept = httpx.get(f"{service.url}/healthz", headers={"X-Request-Id": "order-17.b"})
+    kept = plain_http.get(f"{service.url}/healthz", headers={"X-Request-Id": "order-17.b"})
     assert kept.headers["X-Request-Id"] == "order-17.b"
-    made = {httpx.get(f"{service.url}/healthz").headers["X-Request-Id"] for _ in range(3)}
+    made = {plain_http.get(f"{service.url}/healthz").headers["X-Request-Id"] for _ in range(3)}
     assert len(made) == 3 and all(re.fullmatch(r"[0-9a-f]{32}", one) for one in made)
 
 
 @pytest.mark.parametrize("bad", ["", "a b", "x" * 65, 'a"b', "ä".encode(), "a{b}"])
 def test_an_id_that_could_break_a_line_is_replaced(service, bad):
-    answer = httpx.get(f"{service.url}/healthz", headers=[(b"X-Request-Id", bad if isinstance(bad, bytes) else bad.encode())])
+    answer = plain_http.get(f"{service.url}/healthz", headers=[(b"X-Request-Id", bad if isinstance(bad, bytes) else bad.encode())])
     assert re.fullmatch(r"[0-9a-f]{32}", answer.headers["X-Request-Id"])
 
 
@@ -49,13 +48,13 @@ def test_an_id_that_could_break_a_line_is_replaced(service, bad):
     [("GET", "/v1/meshes/nope", 404), ("GET", "/no/such/page", 404), ("POST", "/healthz", 405), ("GET", "/v1/meshes?limit=0", 422)],
 )
 def test_a_problem_says_which_request_it_answers(service, method, path, status):
-    answer = httpx.request(method, service.url + path, headers={"X-Request-Id": "asked"})
+    answer = plain_http.request(method, service.url + path, headers={"X-Request-Id": "asked"})
     assert answer.status_code == status
     assert answer.json()["request_id"] == answer.headers["X-Request-Id"] == "asked"
 
 
 def test_a_refusal_of_the_guard_has_an_id_too(guarded):
-    answer = httpx.get(f"{guarded.running.url}/v1/meshes", headers={"X-Request-Id": "who"})
+    answer = plain_http.get(f"{guarded.running.url}/v1/meshes", headers={"X-Request-Id": "who"})
     assert (answer.status_code, answer.json()["request_id"], answer.headers["X-Request-Id"]) == (401, "who", "who")
 
 
@@ -82,7 +81,7 @@ def test_a_picture_is_counted_with_its_passes_and_found_in_memory_the_second_tim
     before = metrics_of(service)
     address = f"{service.url}/v1/meshes/{knot.id}/render.png?width=47&height=31&azimuth=12.5"
     for _ in range(2):
-        httpx.get(address, timeout=120.0).raise_for_status()
+        plain_http.get(address, timeout=120.0).raise_for_status()
     after = metrics_of(service)
 
     def more(*key):
@@ -112,14 +111,14 @@ def test_what_workers_did_is_on_the_page_of_the_service(service, knot):
 
 def test_labels_do_not_grow_with_addresses_that_nobody_knows(service):
     for number in range(5):
-        httpx.get(f"{service.url}/probe/{number}.php")
+        plain_http.get(f"{service.url}/probe/{number}.php")
     assert not [key for key in metrics_of(service) if "probe" in str(key)]
 
 
 def test_a_workers_lines_have_the_request_that_began_the_mesh(service, tmp_path):
     write_ply(str(tmp_path / "a.ply"), *meshes.cube(3))
     asked = uuid.uuid4().hex
-    answer = httpx.post(
+    answer = plain_http.post(
         f"{service.url}/v1/meshes?name=a.ply&hull_faces=40&texels=64",
         content=(tmp_path / "a.ply").read_bytes(),
         headers={"X-Request-Id": asked},
@@ -144,14 +143,14 @@ def pid_of(service, program):
     raise AssertionError(f"no {program}")
 
 
-def test_a_queue_that_hangs_makes_it_not_ready_soon_and_takes_only_its_own_metrics(tmp_path):
-    with LocalService(tmp_path, {"SILHOUETTE_MEASURE": "0"}, ("--workers", "0")) as service:
-        assert httpx.get(f"{service.url}/readyz", timeout=30.0).status_code == 200
+def test_a_queue_that_hangs_makes_it_not_ready_soon_and_takes_only_its_own_metrics_and_lines_can_be_turned_off(tmp_path):
+    with LocalService(tmp_path, {"SILHOUETTE_MEASURE": "0", "SILHOUETTE_LOG_REQUESTS": "0"}, ("--workers", "0")) as service:
+        assert plain_http.get(f"{service.url}/readyz", timeout=30.0).status_code == 200
         server = pid_of(service, "valkey-server")
         os.kill(server, signal.SIGSTOP)
         try:
             started = time.monotonic()
-            answer = httpx.get(f"{service.url}/readyz", timeout=30.0)
+            answer = plain_http.get(f"{service.url}/readyz", timeout=30.0)
             page = metrics_of(service)
             took = time.monotonic() - started
         finally:
@@ -162,13 +161,8 @@ def test_a_queue_that_hangs_makes_it_not_ready_soon_and_takes_only_its_own_metri
         assert page["silhouette_queue_up",] == 0.0 and ("silhouette_renders_waiting",) in page
         assert took < 15.0
         deadline = time.monotonic() + 20.0
-        while httpx.get(f"{service.url}/readyz", timeout=30.0).status_code != 200:
+        while plain_http.get(f"{service.url}/readyz", timeout=30.0).status_code != 200:
             assert time.monotonic() < deadline
-
-
-def test_lines_of_requests_can_be_turned_off(tmp_path):
-    with LocalService(tmp_path, {"SILHOUETTE_MEASURE": "0", "SILHOUETTE_LOG_REQUESTS": "0"}, ("--workers", "0")) as service:
-        httpx.get(f"{service.url}/healthz")
         assert not [one for one in lines(service) if one["logger"] == "silhouette.requests"]
 
 

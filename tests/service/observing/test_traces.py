@@ -2,16 +2,17 @@
 
 import uuid
 
-import httpx
 import pytest
 
 from client import Client
 from client.local import LocalService
 from client.shapes import write_ply
-from tests import meshes
+from tests import meshes, plain_http
 
 pytest.importorskip("opentelemetry.exporter.otlp.proto.http", reason="the extra otel is not installed")
 from tests.service.observing.collector import Collector
+
+pytestmark = pytest.mark.xdist_group("traces")
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +25,10 @@ def seen(tmp_path_factory):
         environment = {"SILHOUETTE_TRACE_ENDPOINT": collector.url, "SILHOUETTE_MEASURE": "0", "SILHOUETTE_WARM_KERNELS": "0"}
         with LocalService(folder, environment, ("--workers", "1")) as service, Client(service.url, timeout_s=120.0) as client:
             address = f"{service.url}/v1/meshes?name=a.ply&hull_faces=40&texels=64"
-            mesh_id = httpx.post(address, content=(folder / "a.ply").read_bytes(), headers={"X-Request-Id": upload}).json()["id"]
+            mesh_id = plain_http.post(address, content=(folder / "a.ply").read_bytes(), headers={"X-Request-Id": upload}).json()["id"]
             client.wait(mesh_id, timeout_s=200.0)
             drawn = f"{service.url}/v1/meshes/{mesh_id}/render.png?width=40&height=40"
-            httpx.get(drawn, headers={"X-Request-Id": picture}, timeout=120.0).raise_for_status()
+            plain_http.get(drawn, headers={"X-Request-Id": picture}, timeout=120.0).raise_for_status()
             assert service.stop() == 0, service.last_words()
         return collector.spans, upload, picture
 
