@@ -14,7 +14,8 @@ from tests.hard.shapes import CLIPPED
 from tests.hard.standing import standpoints
 from tests.meshes import eyes
 
-NAMES = list(CLIPPED)
+NAMES = [pytest.param(name, marks=pytest.mark.xdist_group(f"hard body: {name}")) for name in CLIPPED]
+"""Tests of one body stay in one process of a parallel run, where it is made once."""
 
 
 @cache
