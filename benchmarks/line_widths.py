@@ -101,9 +101,8 @@ def _reach(method: LineMethod, width: float) -> tuple[float, float]:
 
 def _beside_another(points: LinePoints, tree: cKDTree, at: F8, width: float) -> Array:
     """(n,) bool: whether a place is within a width outwards of some line, straight across it."""
-    near = tree.query_ball_point(at, width + SURE_PX)
-    count = np.fromiter(map(len, near), int, len(near))
-    of, other = np.repeat(np.arange(len(at)), count), np.fromiter((j for row in near for j in row), int, count.sum())
+    near = cKDTree(at).sparse_distance_matrix(tree, width + SURE_PX, output_type="ndarray")
+    of, other = near["i"], near["j"]
     away, outwards = at[of] - points.pixels[other], points.outwards[other]
     across = np.einsum("ij,ij->i", away, outwards)
     aside = np.abs(away[:, 0] * outwards[:, 1] - away[:, 1] * outwards[:, 0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from fractions import Fraction
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from service.render.frame import render_view
 from service.silhouette.contours import link_contours
 from tests import oracles
 from tests.oracles_hull import surface_points, uncovered
-from tests.oracles_integer import Facing
+from tests.oracles_integer import Facing, integers
 from tests.service.oracles import covered_by_rays
 from tests.service.render.made import seen_from
 
@@ -24,18 +23,19 @@ RATIONAL_FACES = 400
 """Meshes of more faces are held against the exact brute force only: rational arithmetic takes 30 us a face."""
 
 
-def has_area(a, b, c) -> bool:
-    """Exactly."""
-    (ax, ay, az), u, v = ([Fraction(float(x)) for x in p] for p in (a, b, c))
-    p, q = (u[0] - ax, u[1] - ay, u[2] - az), (v[0] - ax, v[1] - ay, v[2] - az)
-    return any(p[i] * q[j] != p[j] * q[i] for i, j in ((0, 1), (1, 2), (2, 0)))
+def have_area(positions, faces):
+    """(f,) bool, exactly."""
+    rows, _ = integers(np.asarray(positions, np.float64)[faces].reshape(-1, 9))
+    a, b, c = (rows[:, 3 * k : 3 * k + 3].T for k in range(3))
+    p, q = b - a, c - a
+    return np.logical_or.reduce([(p[i] * q[j] != p[j] * q[i]).astype(bool) for i, j in ((0, 1), (1, 2), (2, 0))])
 
 
 def assert_enclosed(asset):
     """The hull is a closed oriented surface of faces with area that no point of the mesh is outside of."""
     hull, faces = asset.hull["positions"], asset.hull["faces"]
     build_edges(np.asarray(faces))
-    assert all(has_area(*hull[face]) for face in faces)
+    assert have_area(hull, faces).all()
     points = np.concatenate([asset.positions.astype(np.float64), surface_points(asset.positions, asset.faces, POINTS)])
     outside = uncovered(asset.positions, asset.faces, hull, faces, points[:: max(1, len(points) // (2 * POINTS))])
     assert not outside.any()

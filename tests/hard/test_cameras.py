@@ -25,10 +25,10 @@ from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_binary, silhouette_json, silhouette_svg
 from service.silhouette.project import TOUCHING, project_edges
 from tests.hard.examples import examples
-from tests.hard.rays import covered
 from tests.hard.standing import unframed
 from tests.hard.test_eyes import picture_fault
 from tests.oracles_hull import distance
+from tests.rays import covered
 from tests.service.render.made import clippable
 
 SAMPLES = 6

@@ -24,9 +24,9 @@ from service.silhouette.describe import describe_silhouette
 from service.silhouette.extract import SilhouetteTree
 from service.silhouette.project import project_edges
 from tests import oracles
-from tests.hard.rays import covered, layers
 from tests.hard.standing import UNIT, framed, standpoints, unframed
 from tests.oracles_integer import Facing
+from tests.rays import covered, layers
 from tests.service.render.made import clippable, grown
 
 SHAPES = ("cube", "torus", "knot", "joined")

@@ -25,10 +25,10 @@ from service.silhouette.project import TOUCHING, project_edges, surrounding_laye
 from tests import eye_cases, oracles
 from tests.hard import fields
 from tests.hard.examples import examples
-from tests.hard.rays import layers
 from tests.hard.standing import UNIT, standpoints
 from tests.oracles_hull import distance, points_outside, surface_points, winding_numbers
 from tests.oracles_integer import Facing
+from tests.rays import layers
 from tests.service.render.made import grown, quiet
 from worker.hull import build_hull
 

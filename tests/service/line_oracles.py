@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
+from numba import njit
 
 NEXT, ON = 1e-5, 1e-12
 """Normalised units: what is nearer to a point than this may be the surface that the point is on, and certainly is."""
@@ -23,25 +24,42 @@ def _rays(view, points):
 
 def hidden_by_rays(view, positions, faces, points):
     """(hidden (n,) bool, sure (n,) bool) of points (n, 3): every face tried for every point; not sure where a border decides."""
-    p = positions.astype(np.float64)
-    a, u, v = p[faces[:, 0]], p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]
-    hidden, sure = np.zeros(len(points), bool), np.ones(len(points), bool)
-    for n, (d, far) in enumerate(zip(*_rays(view, points), strict=True)):
-        across = np.cross(d, v)
-        det = np.einsum("fi,fi->f", u, across)
-        edge_on = np.abs(det) <= EDGE_ON * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) * np.linalg.norm(d)
-        det = np.where(edge_on, np.nan, det)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            s = np.einsum("fi,fi->f", points[n] - a, across) / det
-            turned = np.cross(points[n] - a, u)
-            t, along = turned @ d / det, np.einsum("fi,fi->f", v, turned) / det
-            inner = np.minimum(np.minimum(s, t), 1.0 - s - t)
-        distance = along * np.linalg.norm(d)
-        between = (distance > NEXT) & (along < far)
-        beside = (distance > ON) & (distance <= NEXT) & (inner > -MARGIN)
-        hidden[n] = (between & (inner > MARGIN)).any()
-        sure[n] = hidden[n] or not ((between & (inner > -MARGIN)) | beside).any()
+    directions, far = _rays(view, points)
+    return _hidden(positions.astype(np.float64)[faces], np.asarray(points, np.float64), directions, far)
+
+
+@njit(cache=True)
+def _hidden(corners, points, directions, far):
+    hidden, sure = np.zeros(len(points), np.bool_), np.ones(len(points), np.bool_)
+    for n in range(len(points)):
+        d = directions[n]
+        length = np.sqrt((d * d).sum())
+        for f in range(len(corners)):
+            inner, along = _hit(corners[f], points[n], d, length)
+            distance = along * length
+            between = distance > NEXT and along < far[n]
+            beside = ON < distance <= NEXT
+            if between and inner > MARGIN:
+                hidden[n] = sure[n] = True
+                break
+            if (between or beside) and inner > -MARGIN:
+                sure[n] = False
     return hidden, sure
+
+
+@njit(cache=True)
+def _hit(triangle, point, d, length):
+    """(inner, along): the least barycentric coordinate of where a ray meets a triangle's plane, and how far along d; nan edge-on."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = triangle[0], triangle[1], triangle[2]
+    ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+    px, py, pz = d[1] * vz - d[2] * vy, d[2] * vx - d[0] * vz, d[0] * vy - d[1] * vx
+    det = ux * px + uy * py + uz * pz
+    if abs(det) <= EDGE_ON * np.sqrt(ux * ux + uy * uy + uz * uz) * np.sqrt(vx * vx + vy * vy + vz * vz) * length:
+        return np.nan, np.nan
+    sx, sy, sz = point[0] - ax, point[1] - ay, point[2] - az
+    qx, qy, qz = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
+    s, t = (sx * px + sy * py + sz * pz) / det, (qx * d[0] + qy * d[1] + qz * d[2]) / det
+    return min(s, t, 1.0 - s - t), (vx * qx + vy * qy + vz * qz) / det
 
 
 def depth_buffer(view, positions, faces, scale):
@@ -51,20 +69,26 @@ def depth_buffer(view, positions, faces, scale):
     depth = -(positions.astype(np.float64) @ view.view[2, :3] + view.view[2, 3])
     xy, near = h[:, :2] / h[:, 2:] * scale, depth if view.orthographic else 1.0 / depth
     buffer = np.full((view.height * scale, view.width * scale), np.inf)
-    for i, j, k in faces.tolist():
+    _fill(buffer, np.asarray(faces), xy, near, not view.orthographic)
+    return buffer
+
+
+@njit(cache=True)
+def _fill(buffer, faces, xy, near, inverse):
+    for f in range(len(faces)):
+        i, j, k = faces[f]
         (ax, ay), (bx, by), (cx, cy) = xy[i], xy[j], xy[k]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        x0, x1 = max(int(min(ax, bx, cx)), 0), min(int(max(ax, bx, cx)) + 1, buffer.shape[1])
-        y0, y1 = max(int(min(ay, by, cy)), 0), min(int(max(ay, by, cy)) + 1, buffer.shape[0])
-        if area == 0.0 or x0 >= x1 or y0 >= y1:
+        if area == 0.0:
             continue
-        y, x = np.mgrid[y0:y1, x0:x1] + 0.5
-        s = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
-        t = ((ax - x) * (by - y) - (ay - y) * (bx - x)) / area
-        z = near[i] + s * (near[j] - near[i]) + t * (near[k] - near[i])
-        z = np.where((s >= 0) & (t >= 0) & (s + t <= 1), z if view.orthographic else 1.0 / z, np.inf)
-        buffer[y0:y1, x0:x1] = np.minimum(buffer[y0:y1, x0:x1], z)
-    return buffer
+        for row in range(max(int(min(ay, by, cy)), 0), min(int(max(ay, by, cy)) + 1, buffer.shape[0])):
+            for column in range(max(int(min(ax, bx, cx)), 0), min(int(max(ax, bx, cx)) + 1, buffer.shape[1])):
+                x, y = column + 0.5, row + 0.5
+                s = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+                t = ((ax - x) * (by - y) - (ay - y) * (bx - x)) / area
+                if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
+                    z = near[i] + s * (near[j] - near[i]) + t * (near[k] - near[i])
+                    buffer[row, column] = min(buffer[row, column], 1.0 / z if inverse else z)
 
 
 def crossing_length(positions, faces):
@@ -101,9 +125,18 @@ def distance_to(polyline, closed, points):
     """(n,) f8 distances of points (n, 2) from a polyline."""
     ends = np.roll(polyline, -1, axis=0) if closed else polyline[1:]
     starts = polyline if closed else polyline[:-1]
+    return _distances(np.asarray(starts, np.float64), np.asarray(ends, np.float64), np.asarray(points, np.float64))
+
+
+@njit(cache=True)
+def _distances(starts, ends, points):
     best = np.full(len(points), np.inf)
-    for a, b in zip(starts, ends, strict=True):
-        d = b - a
-        t = np.clip((points - a) @ d / max(d @ d, 1e-300), 0.0, 1.0)
-        best = np.minimum(best, np.linalg.norm(points - a - t[:, None] * d, axis=1))
+    for k in range(len(starts)):
+        (ax, ay), (bx, by) = starts[k], ends[k]
+        dx, dy = bx - ax, by - ay
+        square = max(dx * dx + dy * dy, 1e-300)
+        for n in range(len(points)):
+            x, y = points[n, 0] - ax, points[n, 1] - ay
+            t = min(max((x * dx + y * dy) / square, 0.0), 1.0)
+            best[n] = min(best[n], np.hypot(x - t * dx, y - t * dy))
     return best

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.predicates import front_facing
 from geometry.topology import build_edges
+from tests.rays import layers
 
 
 def silhouette(positions, faces, eye):
@@ -61,19 +62,8 @@ def _covered_columns(lines, y, width):
 
 def covered_by_rays(view, positions, faces, samples):
     """(h, w) f8: part of samples^2 rays of each pixel that meet a front-facing face in front of the eye. Any eye, any pose."""
-    m = view.matrix
-    homogeneous = np.asarray(positions, np.float64) @ m[:, :3].T + m[:, 3]
-    x = (np.arange(view.width * samples) + 0.5) / samples / view.width * 2 - 1
-    y = 1 - (np.arange(view.height * samples) + 0.5) / samples / view.height * 2
-    hit = np.zeros((len(y), len(x)), bool)
-    for corners in homogeneous[faces]:
-        # the plane of a ray's pixel column is a = u - x w = 0, of its row b = v - y w = 0: both linear in space
-        a = corners[:, 0, None] - x * corners[:, 3, None]
-        b = corners[:, 1, None] - y * corners[:, 3, None]
-        sides = [a[i][None, :] * b[j][:, None] - a[j][None, :] * b[i][:, None] for i, j in ((1, 2), (2, 0), (0, 1))]
-        depth = sum(s * c for s, c in zip(sides, corners[:, 3], strict=True))
-        hit |= (sides[0] > 0) & (sides[1] > 0) & (sides[2] > 0) & (depth > 0)
-    return hit.reshape(view.height, samples, view.width, samples).mean(axis=(1, 3))
+    front, _ = layers(view, positions, faces, samples)
+    return (front > 0).reshape(view.height, samples, view.width, samples).mean(axis=(1, 3))
 
 
 def supersampled(pixels, faces, width, height, samples):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 
 
 def polygons_of(places, offsets):
@@ -14,25 +15,43 @@ def polygons_of(places, offsets):
 
 def winding(polygons, points):
     """(n,) int: how often closed polygons, together, go round points (n, 2)."""
-    total = np.zeros(len(points), int)
-    x, y = points.T
+    rising = np.argsort(points[:, 1], kind="stable")
+    ordered, turns, total = np.ascontiguousarray(points[rising], np.float64), np.zeros(len(points), int), np.empty(len(points), int)
     for polygon in polygons:
-        for (ax, ay), (bx, by) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-            if ay == by:
-                continue
-            crosses = ((ay <= y) & (by > y)) | ((by <= y) & (ay > y))
-            right = ax + (y - ay) / (by - ay) * (bx - ax) > x
-            total += np.where(crosses & right, 1 if by > ay else -1, 0)
+        _wind(np.asarray(polygon, np.float64), ordered, turns)
+    total[rising] = turns
     return total
+
+
+@njit(cache=True)
+def _wind(polygon, points, turns):
+    """Add how often one polygon goes round each of the points, which are in the order of y: edges to the right, at the point's height."""
+    heights = points[:, 1].copy()
+    for k in range(len(polygon)):
+        (ax, ay), (bx, by) = polygon[k], polygon[(k + 1) % len(polygon)]
+        for n in range(np.searchsorted(heights, min(ay, by)), np.searchsorted(heights, max(ay, by))):
+            x, y = points[n]
+            if ax + (y - ay) / (by - ay) * (bx - ax) > x:
+                turns[n] += 1 if by > ay else -1
 
 
 def in_triangles(vertices, indices, points):
     """(n,) bool: whether points (n, 2) are in some triangle."""
-    found = np.zeros(len(points), bool)
-    for corners in vertices[indices.reshape(-1, 3), :2].astype(float):
-        e = np.roll(corners, -1, axis=0) - corners
-        turns = [e[k, 0] * (points[:, 1] - corners[k, 1]) - e[k, 1] * (points[:, 0] - corners[k, 0]) for k in range(3)]
-        found |= (np.minimum.reduce(turns) >= 0) | (np.maximum.reduce(turns) <= 0)
+    return _in_triangles(vertices[indices.reshape(-1, 3), :2].astype(float), np.asarray(points, np.float64))
+
+
+@njit(cache=True)
+def _in_triangles(triangles, points):
+    found = np.zeros(len(points), np.bool_)
+    for f in range(len(triangles)):
+        (ax, ay), (bx, by), (cx, cy) = triangles[f, 0], triangles[f, 1], triangles[f, 2]
+        for n in range(len(points)):
+            x, y = points[n]
+            u = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+            v = (cx - bx) * (y - by) - (cy - by) * (x - bx)
+            w = (ax - cx) * (y - cy) - (ay - cy) * (x - cx)
+            if min(u, v, w) >= 0.0 or max(u, v, w) <= 0.0:
+                found[n] = True
     return found
 
 
@@ -51,9 +70,15 @@ def along(points, values, closed, step=0.05):
 def beyond_discs(points, radii, closed, at):
     """(n,) f8: how far points `at` (n, 2) are from the nearest border of a disc along the polyline, below 0 inside."""
     places, sizes = along(points, radii, closed)
+    return _beyond(places, sizes, np.asarray(at, np.float64))
+
+
+@njit(cache=True)
+def _beyond(places, sizes, at):
     best = np.full(len(at), np.inf)
-    for place, size in zip(places, sizes, strict=True):
-        best = np.minimum(best, np.hypot(*(at - place).T) - size)
+    for n in range(len(at)):
+        for k in range(len(places)):
+            best[n] = min(best[n], np.hypot(at[n, 0] - places[k, 0], at[n, 1] - places[k, 1]) - sizes[k])
     return best
 
 

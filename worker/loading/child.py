@@ -6,6 +6,7 @@ files behind them have no name, nothing of it can be left behind.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import sys
@@ -17,6 +18,8 @@ from worker.loading.limits import LoadLimits, limit_this_process
 
 UNUSED = ("scipy", "networkx")
 """What the readers would import for half a second, and do not call; that of 3MF calls the second."""
+ALONE = ("ply", "stl")
+"""Formats whose readers call a few of trimesh's modules; the package itself imports them all, for another fifth of a second."""
 
 
 DENIED = ("socket.", "subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.fork", "webbrowser.", "urllib.")
@@ -74,9 +77,15 @@ def _run(extension: str, limits: LoadLimits, result: int) -> dict[str, Any]:
 
 
 def leave_out(extension: str) -> None:
-    """Make an import of what the format has no use for an ImportError, which the readers take for a library that is not there."""
+    """Make an import of what the format has no use for an ImportError, which the readers take for a library that is not there.
+
+    Or, of modules of the readers' own package, nothing that happens.
+    """
     for name in UNUSED[:1] if extension == "3mf" else UNUSED:
         sys.modules[name] = None  # type: ignore[assignment]
+    package = importlib.util.find_spec("trimesh") if extension in ALONE else None
+    if package is not None:
+        sys.modules["trimesh"] = importlib.util.module_from_spec(package)  # knows where its modules are, and has run nothing
 
 
 def _write(descriptor: int, data: bytes) -> None:

@@ -55,18 +55,21 @@ def _some(pieces: list[Piece]) -> list[Piece]:
 
 def _read(kind: str, data: bytes, limits: LoadLimits) -> dict[str, Any]:
     """The reader's own description: one geometry, or {"geometry": {name: ...}, "graph": [...]}."""
-    from trimesh.exchange import load, stl
-    from trimesh.exchange import ply as ply_reader
-
     if kind == "obj":
         return read_obj(data, limits)
     if kind == "off":
         return read_off(data, limits)
     stream = io.BytesIO(data)
     if kind == "stl":
+        from trimesh.exchange import stl
+
         return stl.load_stl(stream)
     if kind == "ply":
+        from trimesh.exchange import ply as ply_reader
+
         return _read_ply(ply_reader.load_ply(stream, resolver=None, skip_materials=True), ply.read_header(data))
+    from trimesh.exchange import load
+
     raw = load.mesh_loaders[kind](file_obj=stream, file_type=kind, resolver=None)
     return _with_colors(raw, data) if kind == "3mf" else raw
 
@@ -107,12 +110,12 @@ def _strip_faces(strip: I8) -> I8:
 
 
 def _pieces(raw: dict[str, Any], limits: LoadLimits) -> list[Piece]:
-    from trimesh.scene.transforms import SceneGraph
-
     if "geometry" not in raw:
         return [_piece(raw, np.eye(4), limits)]
     if not raw.get("graph"):
         return [_piece(g, np.eye(4), limits) for g in raw["geometry"].values()]
+    from trimesh.scene.transforms import SceneGraph
+
     graph = SceneGraph(base_frame=raw.get("base_frame", "world"))
     for edge in raw["graph"]:
         graph.update(**edge)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from geometry.silhouettes import silhouette_scalar
 from geometry.topology import build_edges
@@ -40,22 +41,33 @@ def silhouette_points(asset, view):
 
 def visible(positions, faces, eye, points, owners):
     """(n,) bool: no face but those at the ends of its edge is between a point and the eye (4,). Moeller and Trumbore's test."""
-    corners = positions[faces]
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    seen = np.empty(len(points), bool)
-    for i, (point, (a, b)) in enumerate(zip(points, owners, strict=True)):
-        ray = eye[:3] - eye[3] * point
-        p = np.cross(ray, v)
-        det = np.einsum("ij,ij->i", u, p)
-        det[det == 0.0] = np.inf
-        s = point - corners[:, 0]
-        x = np.einsum("ij,ij->i", s, p) / det
-        q = np.cross(s, u)
-        y = q @ ray / det
-        t = np.einsum("ij,ij->i", v, q) / det
-        hit = (x >= 0) & (y >= 0) & (x + y <= 1) & (t > NEAR_PART) & ((t < 1.0) | (eye[3] == 0.0))
-        hit &= ~(faces == a).any(axis=1) & ~(faces == b).any(axis=1)
-        seen[i] = not hit.any()
+    return _visible(positions, faces, eye, points, np.asarray(owners))
+
+
+@njit(cache=True)
+def _visible(positions, faces, eye, points, owners):
+    seen = np.ones(len(points), np.bool_)
+    for n in range(len(points)):
+        a, b = owners[n]
+        x, y, z = points[n]
+        dx, dy, dz = eye[0] - eye[3] * x, eye[1] - eye[3] * y, eye[2] - eye[3] * z
+        for f in range(len(faces)):
+            i, j, k = faces[f]
+            if a in (i, j, k) or b in (i, j, k):
+                continue
+            (ax, ay, az), (bx, by, bz), (cx, cy, cz) = positions[i], positions[j], positions[k]
+            ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+            px, py, pz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx
+            det = ux * px + uy * py + uz * pz
+            if det == 0.0:
+                continue
+            sx, sy, sz = x - ax, y - ay, z - az
+            qx, qy, qz = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
+            s, t = (sx * px + sy * py + sz * pz) / det, (qx * dx + qy * dy + qz * dz) / det
+            way = (vx * qx + vy * qy + vz * qz) / det
+            if s >= 0.0 and t >= 0.0 and s + t <= 1.0 and way > NEAR_PART and (way < 1.0 or eye[3] == 0.0):
+                seen[n] = False
+                break
     return seen
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from geometry.topology import NotManifoldError, build_edges, vertex_normals
 from schemas.lines import Lines
@@ -89,26 +90,27 @@ def hidden(view, positions, faces, points, shift=(0.0, 0.0), tolerance=1e-4):
     depth = clip[:, 2] if view.orthographic else clip[:, 3]
     own = seen[:, 2] if view.orthographic else seen[:, 3]
     scale = np.linalg.norm(view.matrix[2 if view.orthographic else 3, :3])
-    found = np.zeros(len(points), bool)
-    e = [corners[:, (k + 1) % 3] - corners[:, k] for k in range(3)]
-    area = e[0][:, 0] * e[1][:, 1] - e[0][:, 1] * e[1][:, 0]
-    keep = np.abs(area) > 1e-12
-    inverse = 1.0 / (depth if not view.orthographic else np.ones_like(depth))
-    for start in range(0, len(points), 256):
-        part = slice(start, start + 256)
-        weights = []
-        for k in range(3):
-            c = corners[keep][:, k]
-            d = at[part, None, :] - c[None]
-            weights.append((e[k][keep][:, 0] * d[:, :, 1] - e[k][keep][:, 1] * d[:, :, 0]) / area[keep])
-        inside = (weights[0] >= 0) & (weights[1] >= 0) & (weights[2] >= 0)
-        f = faces[keep]
-        mixed = weights[1] * inverse[f[:, 0]] + weights[2] * inverse[f[:, 1]] + weights[0] * inverse[f[:, 2]]
-        if view.orthographic:
-            surface = weights[1] * depth[f[:, 0]] + weights[2] * depth[f[:, 1]] + weights[0] * depth[f[:, 2]]
-        else:
-            surface = 1.0 / mixed
-        found[part] = np.any(inside & (surface < own[part, None] - tolerance * scale), axis=1)
+    # what is linear in the image: depth, or one over the distance along the axis
+    linear = depth if view.orthographic else 1.0 / depth
+    return _covered(corners, linear[faces], at, own - tolerance * scale, not view.orthographic)
+
+
+@njit(cache=True, error_model="numpy")
+def _covered(corners, linear, at, limits, inverse):
+    found = np.zeros(len(at), np.bool_)
+    for f in range(len(corners)):
+        (ax, ay), (bx, by), (cx, cy) = corners[f, 0], corners[f, 1], corners[f, 2]
+        area = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
+        if not abs(area) > 1e-12:
+            continue
+        for n in range(len(at)):
+            x, y = at[n]
+            u = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+            v = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) / area
+            w = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) / area
+            if u >= 0.0 and v >= 0.0 and w >= 0.0:
+                mixed = v * linear[f, 0] + w * linear[f, 1] + u * linear[f, 2]
+                found[n] |= (1.0 / mixed if inverse else mixed) < limits[n]
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from schemas.render import Camera
 from schemas.scene import matrix_of
@@ -34,25 +35,36 @@ def rays(request, assets, columns, rows):
     return np.tile(eye, (len(u), 1)), (u * tangent)[:, None] * axes[0] + (v * tangent)[:, None] * axes[1] - axes[2]
 
 
+@njit(cache=True, error_model="numpy")
+def _meetings(origins, directions, corners):
+    """(r, 2): where each ray first and last meets faces with corners (f, 3, 3). Moeller and Trumbore's test, face by face."""
+    found = np.empty((len(origins), 2))
+    for r in range(len(origins)):
+        (ox, oy, oz), (dx, dy, dz) = origins[r], directions[r]
+        first, last = np.inf, -np.inf
+        for f in range(len(corners)):
+            (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners[f, 0], corners[f, 1], corners[f, 2]
+            bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+            px, py, pz = dy * cz - dz * cy, dz * cx - dx * cz, dx * cy - dy * cx
+            det = px * bx + py * by + pz * bz  # 0: along the ray, which others around the face stand for; nothing below holds then
+            sx, sy, sz = ox - ax, oy - ay, oz - az
+            u = (sx * px + sy * py + sz * pz) / det
+            qx, qy, qz = sy * bz - sz * by, sz * bx - sx * bz, sx * by - sy * bx
+            v = (dx * qx + dy * qy + dz * qz) / det
+            t = (qx * cx + qy * cy + qz * cz) / det
+            if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and t > 0.0:
+                first, last = min(first, t), max(last, t)
+        found[r] = first, last
+    return found
+
+
 def depths(request, assets, origins, directions):
     """(r, objects, 2) f8: where each ray first and last meets each object's original; infinite and minus infinite where it does not."""
     found = np.empty((len(origins), len(assets), 2))
     for k, (asset, item) in enumerate(zip(assets, request.objects, strict=True)):
         matrix = matrix_of(item.transform)
         vertices = asset.frame.to_model(asset.positions) @ matrix[:3, :3].T + matrix[:3, 3]
-        a, b, c = (vertices[asset.faces[:, i]] for i in range(3))
-        ab, ac = b - a, c - a
-        p = np.cross(directions[:, None], ac[None])
-        det = (p * ab).sum(axis=2)
-        with np.errstate(divide="ignore", invalid="ignore"):  # of faces along the ray, which others around them stand for
-            s = origins[:, None] - a[None]
-            u = (s * p).sum(axis=2) / det
-            q = np.cross(s, ab[None])
-            v = (directions[:, None] * q).sum(axis=2) / det
-            t = (q * ac).sum(axis=2) / det
-            hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
-        found[:, k, 0] = np.where(hit, t, np.inf).min(axis=1)
-        found[:, k, 1] = np.where(hit, t, -np.inf).max(axis=1)
+        found[:, k] = _meetings(origins, directions, vertices[asset.faces])
     return found
 
 
@@ -60,12 +72,7 @@ def nearest_objects(request, assets, finer=2):
     """(h, w) int: the object seen all over each pixel, -1 for none, -2 where (finer + 1)^2 points of the pixel do not agree."""
     width, height = request.width, request.height
     columns, rows = np.meshgrid(np.arange(finer * width + 1) / finer, np.arange(finer * height + 1) / finer)
-    first = np.concatenate(
-        [
-            depths(request, assets, *rays(request, assets, x, y))[:, :, 0]
-            for x, y in zip(np.array_split(columns.ravel(), 16), np.array_split(rows.ravel(), 16), strict=True)
-        ]
-    )
+    first = depths(request, assets, *rays(request, assets, columns.ravel(), rows.ravel()))[:, :, 0]
     seen = np.where(np.isfinite(first.min(axis=1)), first.argmin(axis=1), -1).reshape(columns.shape)
     points = np.stack(
         [seen[y : y + finer * height : finer, x : x + finer * width : finer] for y in range(finer + 1) for x in range(finer + 1)]

@@ -88,14 +88,22 @@ def test_the_child_reads_the_same_without_the_libraries_that_it_leaves_out(tmp_p
     assert by_child.appearance.keys() == here.appearance.keys() and by_child.notes == here.notes
 
 
-@pytest.mark.parametrize(("kind", "left_out"), [("ply", {"scipy", "networkx"}), ("3mf", {"scipy"})])
+ALL = {"scipy", "networkx", "trimesh.base"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "left_out"),
+    [("ply", ALL), ("stl", ALL), ("obj", ALL), ("off", ALL), ("glb", {"scipy", "networkx"}), ("3mf", {"scipy"})],
+)
 def test_the_child_does_not_import_what_a_format_has_no_use_for(kind, left_out):
     code = (
-        "import sys; from worker.loading.child import leave_out; leave_out(sys.argv[1]); import worker.loading.parse;"
-        "from trimesh.exchange import load; print(*(name for name in ('scipy', 'networkx') if sys.modules.get(name) is None))"
+        "import sys; from worker.loading.child import leave_out; leave_out(sys.argv[1]); from worker.loading.limits import LoadLimits;"
+        "from worker.loading.parse import parse; assert len(parse(sys.argv[1], sys.stdin.buffer.read(), LoadLimits()).faces);"
+        f"print(*(name for name in {sorted(ALL)} if sys.modules.get(name) is None))"
     )
-    shown = subprocess.run([sys.executable, "-c", code, kind], capture_output=True, text=True, check=True)
-    assert set(shown.stdout.split()) == left_out
+    data = as_bytes(cube(), kind)
+    shown = subprocess.run([sys.executable, "-c", code, kind], input=data, capture_output=True, check=True)
+    assert set(shown.stdout.decode().split()) == left_out
 
 
 def test_the_child_dies_with_its_parent(tmp_path):
