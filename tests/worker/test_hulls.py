@@ -14,7 +14,7 @@ from schemas import artifacts, keys
 from schemas.jobs import STAGES
 from tests.backend.accepting import accept
 from tests.meshes import bumpy_sphere, sphere
-from tests.worker.test_jobs import ply
+from tests.worker.processing import ply
 from worker import hulls as made_of
 from worker.bake import bake_hull, hull_normals
 from worker.enclosure import NotEnclosedError, enclosure_fault

@@ -15,20 +15,13 @@ from tests.backend.accepting import accept, of_meshes
 from tests.meshes import sphere
 from tests.worker.forks import forked_workers, private_queue
 from tests.worker.measuring import STEPS
-from tests.worker.test_jobs import SMALL, files_of, left_of, opened_box, ply, wait_for
+from tests.worker.processing import SMALL, files_of, left_of, opened_box, ply, wait_for
 from worker import jobs as stage_jobs
 from worker.process import LOWEST_PRIORITY
-from worker.warm import warm_kernels
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    """Kernels that the forked workers then have from this process: compiling them is not what these tests wait for."""
-    warm_kernels()
 
 
 @pytest.fixture
-def queue(tmp_path, monkeypatch):
+def queue(tmp_path, monkeypatch, compiled):
     """The queue of a private server without workers, with settings for those that are forked, and their measurement."""
     with private_queue(tmp_path, monkeypatch, STAGE_ATTEMPTS=2) as queue:
         yield queue

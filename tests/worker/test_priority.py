@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from service.embedded import READER, WORKER_NICE, EmbeddedBackend
-from worker.priority import AUTOGROUP, give_way
+from worker.priority import AUTOGROUP
 
 needs_autogroup = pytest.mark.skipif(not AUTOGROUP.exists(), reason="this kernel has no autogroup")
 
