@@ -31,6 +31,9 @@ KILL_AFTER_S, SOAK_MESHES = 1.5, 6
 AWAY_S = 8.0  # longer than a request is tried
 
 
+pytestmark = pytest.mark.xdist_group("machines")
+
+
 class Deployment:
     """What runs: a queue server, an S3 server, and machines that are started one by one."""
 
@@ -80,8 +83,7 @@ def machines(tmp_path_factory):
     """Two services, two workers, a reader."""
     pytest.importorskip("moto.server", reason="moto, flask or flask-cors is not installed")
     with deployed(tmp_path_factory.mktemp("machines")) as running:
-        for name in ("worker-1", "worker-2"):
-            running.worker(name)
+        running.victim, _ = (running.worker(name) for name in ("worker-1", "worker-2"))
         running.worker("reader", READER_FLAG)
         running.a, running.b = running.service("a"), running.service("b")
         yield running
@@ -200,27 +202,27 @@ def test_a_store_that_goes_away_while_a_mesh_is_processed_fails_no_mesh(machines
 
 
 @pytest.mark.heavy
-def test_a_service_and_a_worker_killed_under_load_lose_nothing(tmp_path):
-    pytest.importorskip("moto.server", reason="moto, flask or flask-cors is not installed")
+def test_a_service_and_a_worker_killed_under_load_lose_nothing(machines, tmp_path):
+    """The last test: what it kills stays dead."""
     paths = [tmp_path / f"box {number}.ply" for number in range(SOAK_MESHES)]
     for number, path in enumerate(paths):
         vertices, faces = meshes.cube(2)
         write_ply(str(path), vertices * [1.0, 1.0, 1.0 + number], faces)
-    with deployed(tmp_path / "machines") as running:
-        victim, _ = running.worker("worker-1"), running.worker("worker-2")
-        a, b = running.service("a"), running.service("b")
-        accepted: list[str] = []
-        stop = threading.Event()
-        clients = [threading.Thread(target=offer, args=([a.url, b.url][:: (-1) ** i], p, accepted, stop)) for i, p in enumerate(paths)]
-        [client.start() for client in clients]
-        time.sleep(KILL_AFTER_S)
-        os.kill(a.pid, signal.SIGKILL)
-        victim.kill()
-        running.redis.flushall()  # and the queue forgets everything
-        [client.join(120.0) for client in clients]
-        stop.set()
-        assert len(accepted) == len(set(accepted)) == SOAK_MESHES
-        deadline = time.monotonic() + 200.0
-        while set(statuses(b.url, accepted).values()) != {"ready"} and time.monotonic() < deadline:
-            time.sleep(0.5)
-        assert set(statuses(b.url, accepted).values()) == {"ready"}
+    accepted: list[str] = []
+    stop = threading.Event()
+    clients = [
+        threading.Thread(target=offer, args=([machines.a.url, machines.b.url][:: (-1) ** i], p, accepted, stop))
+        for i, p in enumerate(paths)
+    ]
+    [client.start() for client in clients]
+    time.sleep(KILL_AFTER_S)
+    os.kill(machines.a.pid, signal.SIGKILL)
+    machines.victim.kill()
+    machines.redis.flushall()  # and the queue forgets everything
+    [client.join(120.0) for client in clients]
+    stop.set()
+    assert len(accepted) == len(set(accepted)) == SOAK_MESHES
+    deadline = time.monotonic() + 200.0
+    while set(statuses(machines.b.url, accepted).values()) != {"ready"} and time.monotonic() < deadline:
+        time.sleep(0.5)
+    assert set(statuses(machines.b.url, accepted).values()) == {"ready"}

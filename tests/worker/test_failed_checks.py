@@ -19,6 +19,8 @@ from worker import jobs as stage_jobs
 from worker.jobs import run_and_record
 from worker.stages import Result
 
+pytestmark = pytest.mark.xdist_group("failed checks")
+
 
 @pytest.fixture(scope="module")
 def unchecked(server, tmp_path_factory):

@@ -17,6 +17,8 @@ from tests.worker.forks import descendants_of, forked_workers, held_elsewhere, l
 from tests.worker.processing import SMALL, children_of, is_job, ply, wait_for
 from worker.jobs import run_and_record
 
+pytestmark = pytest.mark.xdist_group("kills")
+
 EVERY_STAGE = {**STAGES, **LATER_STAGES}
 AGAIN_S = 60.0
 """Longest that a stage may take to be started again."""

@@ -11,6 +11,8 @@ from tests.backend.accepting import accept
 from tests.meshes import sphere
 from tests.worker.processing import SMALL, files_of, finished, opened_box, ply, process, start, wait_for
 
+pytestmark = pytest.mark.xdist_group("worker processes")
+
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory):
