@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from backend import records
 from backend.counts import queue_depths
 from tests.backend.accepting import accept
 from tests.meshes import sphere
-from tests.worker.forks import held_elsewhere
+from tests.worker.forks import forked_workers, held_elsewhere
 from tests.worker.processing import ENVIRONMENT, SMALL, finished, ply, stage_runs, start, wait_for
 from worker.jobs import run_and_record
 
@@ -30,13 +31,20 @@ def backend(tmp_path):
     backend.stop()
 
 
+@contextmanager
 def worker(backend, grace_s):
+    """The process of a worker, which is killed at the end if it has not ended."""
     environment = ENVIRONMENT | {
         "SILHOUETTE_DATA_DIR": str(backend.data_dir),
         "SILHOUETTE_REDIS_URL": backend.redis_url,
         "SILHOUETTE_STOP_GRACE_S": str(grace_s),
     }
-    return subprocess.Popen([sys.executable, "-m", "worker"], cwd=ROOT, env={**os.environ, **environment}, stderr=subprocess.DEVNULL)
+    command = [sys.executable, "-m", "worker"]
+    with subprocess.Popen(command, cwd=ROOT, env={**os.environ, **environment}, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def loaded(queue):
@@ -53,7 +61,7 @@ def running(queue):
 
 
 @pytest.mark.heavy
-def test_a_stage_that_outlasts_the_grace_is_returned_at_once_with_no_attempt_less(backend):
+def test_a_stage_that_outlasts_the_grace_is_returned_at_once_with_no_attempt_less(backend, monkeypatch, compiled):
     backend, queue = backend
     mesh_id = loaded(queue)
     with held_elsewhere(queue.store, [mesh_id]), worker(backend, 0.3) as first:
@@ -68,11 +76,13 @@ def test_a_stage_that_outlasts_the_grace_is_returned_at_once_with_no_attempt_les
     assert running(queue) == 0
     assert Job.fetch(f"{mesh_id}-hull", connection=queue.redis, serializer=JSONSerializer).retries_left == attempts
     queue.progress.clear(mesh_id)
-    with held_elsewhere(queue.store, [mesh_id]), worker(backend, 0.3) as second:
+    monkeypatch.setenv("SILHOUETTE_DATA_DIR", str(backend.data_dir))
+    monkeypatch.setenv("SILHOUETTE_REDIS_URL", backend.redis_url)
+    with held_elsewhere(queue.store, [mesh_id]), forked_workers() as start_workers:
         started = time.monotonic()
+        start_workers(1)
         wait_for(lambda: stage_runs(queue, mesh_id, "hull"), 60.0)
         assert time.monotonic() - started < 14.0, "not after a heartbeat that is missed"
-        second.kill()
 
 
 def test_a_stage_that_ends_within_the_grace_is_not_done_again(backend):
