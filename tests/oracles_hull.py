@@ -79,6 +79,19 @@ def _windings(positions, faces, points):
     return found
 
 
+@njit(cache=True)
+def _distances(positions, faces, points):
+    found = np.empty(points.shape[0])
+    for n in range(points.shape[0]):
+        found[n] = distance(positions, faces, points[n, 0], points[n, 1], points[n, 2])
+    return found
+
+
+def distances(positions: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n,) f8 distance of each of the (n, 3) points to the surface."""
+    return _distances(np.asarray(positions, np.float64), np.asarray(faces, np.int64), np.asarray(points, np.float64))
+
+
 def winding_numbers(positions: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(n,) f8 winding number of a closed mesh about each of the (n, 3) points."""
     return _windings(np.asarray(positions, np.float64), np.asarray(faces, np.int64), np.asarray(points, np.float64))

@@ -21,7 +21,7 @@ from schemas.manifest import StageRecord
 from service.meshes import RECENT_S
 from tests import meshes, plain_http
 from tests.ladders import small_ladder
-from tests.worker.test_jobs import opened_box
+from tests.worker.processing import opened_box
 from worker.jobs import run_and_record
 
 REVALIDATE = "no-cache"

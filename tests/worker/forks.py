@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -11,13 +12,13 @@ from backend.temporary_files import LOCK_FILES, lock_name
 from schemas import jobs as names
 from schemas import keys
 from service.embedded import EmbeddedBackend
-from worker.process import StageWorker
+from worker.process import StageWorker, die_with_parent
 from worker.settings import WorkerSettings
 
 
 @contextmanager
-def private_queue(folder, patch, **settings):
-    """The queue of a private server without workers; `patch` sets the environment of those that are forked, and what they measure by."""
+def private_server(folder, patch, **settings):
+    """A private server without workers; `patch` sets the environment of those that are forked, and what they measure by."""
     backend = EmbeddedBackend(folder, 0)
     backend.start()
     chosen = {"DATA_DIR": folder, "REDIS_URL": backend.redis_url, "MEASURE": "true", "RECONCILE_INTERVAL_S": "0.5"} | settings
@@ -25,14 +26,41 @@ def private_queue(folder, patch, **settings):
         patch.setenv(f"SILHOUETTE_{name}", str(value))
     patch.setattr(names, "MEASURE", "tests.worker.measuring.measure_mesh")
     try:
-        yield JobQueue.open(BackendSettings())
+        yield backend
     finally:
         backend.stop()
 
 
 @contextmanager
-def forked_workers():
-    """A callable that starts so many workers; their process ids. Those that are left at the end are killed."""
+def private_queue(folder, patch, **settings):
+    """The queue of such a server."""
+    with private_server(folder, patch, **settings):
+        yield JobQueue.open(BackendSettings())
+
+
+def work():
+    """Be a worker."""
+    settings = WorkerSettings()
+    StageWorker(JobQueue.open(settings), settings).work(logging_level="ERROR")
+
+
+def keep_working():
+    """Have a worker, and another whenever it ends."""
+    while True:
+        pid = os.fork()
+        if pid == 0:
+            try:
+                die_with_parent()
+                work()
+            finally:
+                os._exit(0)
+        os.waitpid(pid, 0)
+        time.sleep(0.1)
+
+
+@contextmanager
+def forked_workers(be=work):
+    """A callable that starts so many workers, by what they do; their process ids. Those that are left at the end are killed."""
     pids = []
 
     def start(count):
@@ -40,8 +68,7 @@ def forked_workers():
             pid = os.fork()
             if pid == 0:
                 try:
-                    settings = WorkerSettings()
-                    StageWorker(JobQueue.open(settings), settings).work(logging_level="ERROR")
+                    be()
                 finally:
                     os._exit(0)
             pids.append(pid)

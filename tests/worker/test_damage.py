@@ -11,9 +11,11 @@ from schemas.errors import DamagedArtifactError
 from schemas.jobs import STAGES
 from service.embedded import EmbeddedBackend
 from tests.backend.accepting import accept
-from tests.meshes import bumpy_sphere
+from tests.meshes import bumpy_sphere, torus
 from worker.jobs import run_and_record, run_stage
 from worker.settings import WorkerSettings
+
+pytestmark = pytest.mark.xdist_group("damage in a store")
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +31,8 @@ def queue(tmp_path_factory):
 @pytest.fixture(scope="module")
 def mesh_id(queue):
     """A ready mesh with every artifact that stages before `verify` make."""
-    data = trimesh.Trimesh(*bumpy_sphere(4), process=False).export(file_type="ply")
-    mesh_id = accept(queue.store, data, name="a.ply", hull_faces=120, texels=64)
+    data = trimesh.Trimesh(*torus(46, 22), process=False).export(file_type="ply")
+    mesh_id = accept(queue.store, data, name="a.ply", hull_faces=400, texels=64)
     for stage in STAGES:
         assert run_and_record(queue, mesh_id, stage).outcome == "done"
     queue.advance(mesh_id)

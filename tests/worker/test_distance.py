@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from geometry.boxes import build_boxes
 from schemas.errors import CancelledError
 from tests.meshes import bumpy_sphere, cube, joined, knot, normalised, sphere, torus
+from tests.oracles_hull import distances
 from worker import distance as module
 from worker.distance import RUNGS, DistanceTo
 from worker.hull import build_hull
@@ -23,26 +24,6 @@ def quiet(_):
     pass
 
 
-def to_segments(points, a, b):
-    along = b - a
-    t = np.clip(np.einsum("nfk,fk->nf", points[:, None] - a, along) / np.maximum(np.einsum("fk,fk->f", along, along), 1e-300), 0.0, 1.0)
-    return np.linalg.norm(points[:, None] - (a + t[..., None] * along), axis=2)
-
-
-def brute_distances(points, positions, faces):
-    """(n,) distances of points from triangles, by projection onto every plane and every side."""
-    a, b, c = (positions[faces[:, k]].astype(np.float64) for k in range(3))
-    across = np.cross(b - a, c - a)
-    size = np.maximum(np.einsum("fk,fk->f", across, across), 1e-300)
-    height = np.einsum("nfk,fk->nf", points[:, None] - a, across) / size
-    foot = points[:, None] - height[..., None] * across
-    inside = np.ones(height.shape, bool)
-    for p, q in ((a, b), (b, c), (c, a)):
-        inside &= np.einsum("nfk,fk->nf", np.cross(q - p, foot - p), across) >= 0.0
-    sides = np.minimum.reduce([to_segments(points, p, q) for p, q in ((a, b), (b, c), (c, a))])
-    return np.where(inside, np.abs(height) * np.sqrt(size), sides).min(axis=1)
-
-
 def dense(positions, faces, per_side=7):
     """Points all over a surface, corners included."""
     grid = [(i, j, per_side - i - j) for i in range(per_side + 1) for j in range(per_side + 1 - i)]
@@ -51,8 +32,7 @@ def dense(positions, faces, per_side=7):
 
 
 def brute_farthest(level, original, per_side=7):
-    points = dense(*level, per_side)
-    return max(brute_distances(part, *original).max() for part in np.array_split(points, max(1, len(points) * len(original[1]) // 200_000)))
+    return distances(*original, dense(*level, per_side)).max()
 
 
 def measured(level, original):
@@ -174,8 +154,8 @@ def test_closest_faces_are_those_of_a_look_at_all_faces():
     order, boxes = build_boxes(positions, faces)
     closest, state = np.empty(len(points), np.int32), np.zeros(3)
     level_distance.nearest_faces(positions, faces, order, boxes, points, 0, len(points), closest, state)
-    nearest = brute_distances(points.astype(np.float64), positions, faces)
-    found = [brute_distances(points[n : n + 1].astype(np.float64), positions, faces[face][None])[0] for n, face in enumerate(closest)]
+    nearest = distances(positions, faces, points)
+    found = [distances(positions, faces[face][None], points[n : n + 1])[0] for n, face in enumerate(closest)]
     assert np.allclose(found, nearest, atol=1e-12)
     assert np.sqrt(state[level_distance.LOW]) == pytest.approx(nearest.max(), abs=1e-12)
 

@@ -1,5 +1,7 @@
 """Hulls of other sizes: what they enclose, how many faces they have, and which ones a mesh goes without."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ from schemas import artifacts, keys
 from schemas.jobs import STAGES
 from tests.backend.accepting import accept
 from tests.meshes import bumpy_sphere, sphere
-from tests.worker.test_jobs import ply
+from tests.worker.processing import ply
 from worker import hulls as made_of
 from worker.bake import bake_hull, hull_normals
 from worker.enclosure import NotEnclosedError, enclosure_fault
@@ -124,15 +126,24 @@ def test_what_progress_raises_goes_through(bumpy):
 # As a stage, in this process.
 
 
-@pytest.fixture
-def ready(tmp_path):
-    """(queue, mesh id): a mesh that is ready, and whose later stages nobody runs."""
-    queue = JobQueue(connect(f"unix://{tmp_path}/none.sock"), LocalStore(tmp_path / "store"))
+@pytest.fixture(scope="module")
+def made_ready(tmp_path_factory):
+    """(folder of a store, the mesh in it), which is ready."""
+    folder = tmp_path_factory.mktemp("ready")
+    queue = JobQueue(connect(f"unix://{folder}/none.sock"), LocalStore(folder / "store"))
     mesh_id = accept(queue.store, ply(bumpy_sphere(4)), name="mesh.ply", hull_faces=400, texels=TEXELS)
     done = {stage: run_and_record(queue, mesh_id, stage) for stage in STAGES}
     with records.publishing(queue.store, mesh_id):
         records.write_manifest(queue.store, build_manifest(mesh_id, done))
-    return queue, mesh_id
+    return queue.store.root, mesh_id
+
+
+@pytest.fixture
+def ready(made_ready, tmp_path):
+    """(queue, mesh id): that mesh, whose later stages nobody runs."""
+    folder, mesh_id = made_ready
+    shutil.copytree(folder, tmp_path / "store")
+    return JobQueue(connect(f"unix://{tmp_path}/none.sock"), LocalStore(tmp_path / "store")), mesh_id
 
 
 def test_the_stage_keeps_what_it_reports(ready):

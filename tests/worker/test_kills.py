@@ -12,11 +12,12 @@ from backend import records
 from schemas import keys
 from schemas.jobs import LATER_STAGES, STAGES
 from tests.backend.accepting import accept
-from tests.meshes import sphere
+from tests.meshes import bumpy_sphere, sphere
 from tests.worker.forks import descendants_of, forked_workers, held_elsewhere, lives, private_queue
-from tests.worker.test_jobs import SMALL, is_job, ply, wait_for
+from tests.worker.processing import SMALL, children_of, is_job, ply, wait_for
 from worker.jobs import run_and_record
-from worker.warm import warm_kernels
+
+pytestmark = pytest.mark.xdist_group("kills")
 
 EVERY_STAGE = {**STAGES, **LATER_STAGES}
 AGAIN_S = 60.0
@@ -70,9 +71,8 @@ def mesh_before(queue, number, stage):
 
 
 @pytest.fixture(scope="module")
-def prepared(tmp_path_factory):
+def prepared(tmp_path_factory, compiled):
     """(folder of a store, stage -> its mesh): one mesh before each stage."""
-    warm_kernels()
     folder = tmp_path_factory.mktemp("prepared")
     with pytest.MonkeyPatch.context() as patch, private_queue(folder, patch) as queue:
         return folder / "store", {stage: mesh_before(queue, number, stage) for number, stage in enumerate(EVERY_STAGE)}
@@ -150,3 +150,25 @@ def test_a_stage_that_was_killed_runs_again_within_a_minute_and_those_before_it_
 
 def test_stages_that_were_killed_leave_no_process_no_temporary_file_and_no_job(scene):
     assert (scene.orphans, scene.temporary, scene.jobs) == ([], [], [])
+
+
+@pytest.mark.heavy
+def test_a_stage_whose_process_always_dies_fails_the_mesh_and_not_the_worker(tmp_path, monkeypatch, compiled):
+    with private_queue(tmp_path, monkeypatch) as queue, forked_workers() as start:
+        mesh_id = accept(queue.store, ply(bumpy_sphere(4)), name="a.ply", **SMALL)
+        queue.advance(mesh_id)
+        (worker,) = start(1)
+        killed = set()
+
+        def kill_all_or_ended():
+            for pid in set(children_of(worker)) - killed:
+                if is_job(pid):
+                    os.kill(pid, signal.SIGKILL)
+                    killed.add(pid)
+            return records.read_manifest(queue.store, mesh_id)
+
+        manifest = wait_for(kill_all_or_ended)
+        assert len(killed) == 4
+        assert manifest.status == "failed"
+        assert manifest.error.model_extra["code"] == "stage-failed"
+        assert lives(worker)

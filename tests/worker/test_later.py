@@ -15,20 +15,13 @@ from tests.backend.accepting import accept, of_meshes
 from tests.meshes import sphere
 from tests.worker.forks import forked_workers, private_queue
 from tests.worker.measuring import STEPS
-from tests.worker.test_jobs import SMALL, files_of, left_of, opened_box, ply, wait_for
+from tests.worker.processing import SMALL, files_of, left_of, opened_box, ply, wait_for
 from worker import jobs as stage_jobs
 from worker.process import LOWEST_PRIORITY
-from worker.warm import warm_kernels
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    """Kernels that the forked workers then have from this process: compiling them is not what these tests wait for."""
-    warm_kernels()
 
 
 @pytest.fixture
-def queue(tmp_path, monkeypatch):
+def queue(tmp_path, monkeypatch, compiled):
     """The queue of a private server without workers, with settings for those that are forked, and their measurement."""
     with private_queue(tmp_path, monkeypatch, STAGE_ATTEMPTS=2) as queue:
         yield queue
@@ -80,7 +73,7 @@ def test_measuring_lets_other_meshes_become_ready_first_and_goes_on_where_it_was
     workers(count)
     first = upload(queue, ply(sphere(2)))
     wait_for(lambda: queue.progress.read(first).get("measure", 0.0) > 0.1, 240.0)
-    others = [upload(queue, ply(sphere(1, radius=1.0 + n))) for n in range(3)]
+    others = [upload(queue, ply(sphere(1, radius=1.0 + n))) for n in range(2)]
     ready = [wait_for(lambda m=m: records.read_manifest(queue.store, m), 240.0) for m in others]
     assert {manifest.status for manifest in ready} == {"ready"}
     if count == 1:

@@ -52,13 +52,13 @@ def programs(draw, number):
     return rows, offsets, draw(st.tuples(number, number, number))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(programs(small))
 def test_equals_the_reference_on_random_constraints(program):
     assert agrees(*program)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(programs(grid))
 def test_equals_the_reference_on_parallel_and_duplicate_constraints(program):
     assert agrees(*program)

@@ -7,7 +7,7 @@ from pathlib import Path
 from backend import once, records
 from geometry.topology import build_edges, signed_volume
 from tests.backend.accepting import accept
-from tests.worker.test_jobs import start, wait_for
+from tests.worker.processing import start, wait_for
 from worker.warm import ellipsoid, warm_kernels
 
 ROOT = Path(__file__).resolve().parents[2]
