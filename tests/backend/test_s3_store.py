@@ -292,13 +292,13 @@ def test_a_store_that_is_away_is_said_to_be_and_comes_back(tmp_path, monkeypatch
 def test_a_lock_survives_a_store_that_is_away_for_a_moment(tmp_path, monkeypatch):
     for name, value in CREDENTIALS.items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr(s3_client, "QUICK_S", 0.3)
+    monkeypatch.setattr(s3_client, "QUICK_S", 1.0)
     monkeypatch.setattr(leases, "RENEW_S", 0.1)
     with S3Server() as server:
         store = S3Store(S3Place(BUCKET, "p", server.endpoint), tmp_path, MIB)
         with store.locked("meshes/a"):
             server.pause()
-            time.sleep(1.0)
+            time.sleep(2.5)
             server.resume()
             time.sleep(0.5)
             store.put_bytes("meshes/a/x", b"mine")
