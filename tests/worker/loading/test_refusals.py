@@ -89,6 +89,7 @@ def test_an_unknown_format_is_refused(name, tmp_path):
         ("glb", glb(b'{"asset":{"version":"2.0"}}')),
         ("3mf", archive({"3D/3dmodel.model": MODEL % (b"", b"<resources/><build/>")})),
     ],
+    ids=["stl", "stl_ascii", "off", "obj", "ply", "glb", "3mf"],
 )
 def test_a_file_without_faces_is_refused(kind, data):
     assert code(data, kind) == "no-faces"
