@@ -7,12 +7,14 @@ run is made ready, with the very array types they have.
 from __future__ import annotations
 
 import logging
+import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +61,8 @@ from service.waiting import Stopwatch
 
 log = logging.getLogger("silhouette.service")
 
+BACKWARDS_FLAG = "--backwards"
+
 MESH_ID = "0" * 32
 SIDE_PX = 64
 MAP_TEXELS = 64
@@ -104,36 +108,63 @@ def calibrate_costs(renderer: Renderer) -> None:
         log.info("calibrated", extra={"device": renderer.costs.device, "seconds": round(clock.ms() / 1e3, 2)})
 
 
-def warm(renderer: Renderer) -> None:
-    """Draw and describe an octahedron in every common way."""
+def warm(renderer: Renderer, *, backwards: bool = False) -> None:
+    """Draw and describe an octahedron in every common way; backwards: the last way first."""
     clock = Stopwatch()
     try:
         with tempfile.TemporaryDirectory(prefix="silhouette-warm-") as folder:
             store = LocalStore(Path(folder))
-            asset = octahedron(store)
-            for request in _requests():
-                renderer.submit(asset, request).result()
-            for request in _line_requests():
-                for one in (asset, replace(asset, id="loose", edges=None, hull=None, maps=None, tree=None)):
-                    renderer.submit(one, request).result()
-            _extract_together(asset)
-            for edges in (asset.edges, None):
-                find_edges(asset.positions, asset.faces, edges)
-            project_loops(resolve_camera(BESIDE, asset.frame, SIDE_PX, SIDE_PX), BEHIND, np.array([0, len(BEHIND)], np.int32))
-            for scene in _scenes():
-                renderer.submit_drawing(drawing_of(plan_scene(scene, [asset] * len(scene.objects)))).result()
-            for camera in (WHOLE, BESIDE, INSIDE):
-                for smooth in (False, True):
-                    described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
-                    for write in (silhouette_json, silhouette_svg, silhouette_binary):
-                        write(described)
-            _describe_lines(asset)
-            _move(renderer, asset)
-            hull_file(store, asset, Side.OUTER, len(asset.faces))
+            steps = _steps(renderer, store, octahedron(store))
+            for step in reversed(steps) if backwards else steps:
+                step()
     except (SilhouetteError, CancelledError) as error:  # busy already, or closing: then requests do the warming
         log.info("not warmed: %s", error)
     else:
         log.info("warmed", extra={"seconds": round(clock.ms() / 1e3, 2)})
+
+
+def _steps(renderer: Renderer, store: Store, asset: MeshAsset) -> Sequence[Callable[[], object]]:
+    """What warms, in order; each goes without those before it."""
+    return (
+        partial(_draw, renderer, asset),
+        partial(_draw_lines, renderer, asset),
+        partial(_extract_together, asset),
+        partial(_draw_scenes, renderer, asset),
+        partial(_describe, asset),
+        partial(_describe_lines, asset),
+        partial(_move, renderer, asset),
+        partial(hull_file, store, asset, Side.OUTER, len(asset.faces)),
+    )
+
+
+def _draw(renderer: Renderer, asset: MeshAsset) -> None:
+    for request in _requests():
+        renderer.submit(asset, request).result()
+
+
+def _draw_lines(renderer: Renderer, asset: MeshAsset) -> None:
+    """On the closed octahedron and on what is left of it without its edges."""
+    loose = replace(asset, id="loose", edges=None, hull=None, maps=None, tree=None)
+    for request in _line_requests():
+        for one in (asset, loose):
+            renderer.submit(one, request).result()
+    for edges in (asset.edges, None):
+        find_edges(asset.positions, asset.faces, edges)
+
+
+def _draw_scenes(renderer: Renderer, asset: MeshAsset) -> None:
+    for scene in _scenes():
+        renderer.submit_drawing(drawing_of(plan_scene(scene, [asset] * len(scene.objects)))).result()
+
+
+def _describe(asset: MeshAsset) -> None:
+    """From outside, beside and inside."""
+    project_loops(resolve_camera(BESIDE, asset.frame, SIDE_PX, SIDE_PX), BEHIND, np.array([0, len(BEHIND)], np.int32))
+    for camera in (WHOLE, BESIDE, INSIDE):
+        for smooth in (False, True):
+            described = describe_silhouette(asset, SilhouetteRequest(camera=camera, project=ProjectTo(), smooth=smooth))
+            for write in (silhouette_json, silhouette_svg, silhouette_binary):
+                write(described)
 
 
 def _move(renderer: Renderer, asset: MeshAsset) -> None:
@@ -244,11 +275,14 @@ def octahedron(store: Store) -> MeshAsset:
 
 
 def main() -> None:
-    """Warm in a process of its own, so that numba's cache on disk has everything. Raises EglUnavailableError."""
+    """Warm in a process of its own, so that numba's cache on disk has everything. Raises EglUnavailableError.
+
+    `--backwards`: for a second process beside the first, which meet where each finds what the other has compiled.
+    """
     renderer = Renderer()
     renderer.start()
     try:
-        warm(renderer)
+        warm(renderer, backwards=BACKWARDS_FLAG in sys.argv[1:])
     finally:
         renderer.close()
 

@@ -25,6 +25,8 @@ KERNEL_STAMP = VENV / ".kernels"
 LOCKS = ("run", "dev", "bench")
 """Each holds all packages of those before it."""
 KERNELS = ("geometry", "worker", "service", "tests")
+COMPILERS = (("worker.warm",), ("service.warm",), ("service.warm", "--backwards"))
+"""The service has more kernels than the workers: two compile them, from both ends."""
 
 GL_LIBRARIES = {
     "libEGL.so.1": "libegl1",
@@ -114,7 +116,7 @@ def install_packages(lock: str) -> None:
     if installed in [f"{digest} {larger}" for larger in LOCKS[LOCKS.index(lock) :]]:
         return
     say(f"installing the packages of {lock_file.relative_to(ROOT)}")
-    pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile"]  # few modules are ever imported
     run(*pip, "--require-hashes", "-r", lock_file)
     run(*pip, "--no-deps", "--no-build-isolation", "--editable", ROOT, quiet=True)
     STAMP.write_text(f"{digest} {lock}")
@@ -130,8 +132,8 @@ def compile_kernels() -> None:
         for compiled in (ROOT / folder).rglob("__pycache__/*.nb[ic]"):
             compiled.unlink(missing_ok=True)
     say("compiling the kernels, once (some minutes)")
-    modules = [subprocess.Popen([PYTHON, "-m", module], cwd=ROOT) for module in ("worker.warm", "service.warm")]
-    statuses = [module.wait() for module in modules]
+    compilers = [subprocess.Popen([PYTHON, "-m", *module], cwd=ROOT) for module in COMPILERS]
+    statuses = [compiler.wait() for compiler in compilers]
     if any(statuses):
         stop("the kernels could not be compiled; the lines above say why")
     KERNEL_STAMP.write_text(digest)
