@@ -5,7 +5,6 @@ import json
 import pkgutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +23,8 @@ from service.scene.plan import plan_scene
 from service.silhouette.describe import describe_silhouette
 from service.silhouette.document import silhouette_dxf, silhouette_json, silhouette_svg
 from service.warm import warm
+from tests.service.observing.test_observed_service import lines
+from tests.worker.processing import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 CAMERAS = (
@@ -41,15 +42,12 @@ def test_no_kernel_is_compiled_after_warming():
 
 def said(running: LocalService) -> set[str]:
     """Messages in the log of a service."""
-    return {json.loads(line)["message"] for line in (running.data_dir / "service.log").read_text().splitlines() if line.startswith("{")}
+    return {line["message"] for line in lines(running)}
 
 
 def test_a_service_warms_its_renderer_unless_told_not_to(service, tmp_path):
     with LocalService(tmp_path, {"SILHOUETTE_WARM_RENDERER": "true"}, ("--workers", "0")) as running:
-        deadline = time.monotonic() + 120.0
-        while "warmed" not in said(running) and time.monotonic() < deadline:
-            time.sleep(0.1)
-        assert "warmed" in said(running)
+        wait_for(lambda: "warmed" in said(running))
     assert "warmed" not in said(service)
 
 
